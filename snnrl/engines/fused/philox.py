@@ -1,0 +1,65 @@
+"""The random numbers of `snnrl.random`, compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, uint64
+
+from snnrl import random
+
+MULTIPLIER_0, MULTIPLIER_1 = np.uint64(random.MULTIPLIER_0), np.uint64(random.MULTIPLIER_1)
+WEYL_0, WEYL_1 = np.uint64(random.WEYL_0), np.uint64(random.WEYL_1)
+MASK, WORD = np.uint64(random.MASK), np.uint64(32)
+UNUSED = np.uint64(32 - random.BITS)
+UNIT = 1.0 / (1 << random.BITS)
+
+
+@njit(inline="always")
+def _round(c0, c1, c2, c3, k0, k1):
+    p0, p1 = c0 * MULTIPLIER_0, c2 * MULTIPLIER_1
+    return (p1 >> WORD) ^ c1 ^ k0, p1 & MASK, (p0 >> WORD) ^ c3 ^ k1, p0 & MASK
+
+
+@njit(inline="always")
+def _philox(c0, c1, c2, c3, seed):
+    k0, k1 = seed & MASK, seed >> WORD
+    for _ in range(10):
+        c0, c1, c2, c3 = _round(c0, c1, c2, c3, k0, k1)
+        k0, k1 = (k0 + WEYL_0) & MASK, (k1 + WEYL_1) & MASK
+    return c0, c1, c2, c3
+
+
+@njit
+def bits(seed, stream, trial, time, index):
+    """One draw of `Draws.bits`, int64 in [0, 2**24)."""
+    words = _philox(uint64(index), uint64(time >> 2), uint64(stream), uint64(trial), seed)
+    word = words[0]
+    for k in range(1, 4):
+        if time & 3 == k:
+            word = words[k]
+    return np.int64(word >> UNUSED)
+
+
+@njit
+def uniform(seed, stream, trial, time, index):
+    """One draw of `Draws.uniform`, float64 in [0, 1)."""
+    return bits(seed, stream, trial, time, index) * UNIT
+
+
+@njit
+def fill_bits(out, width, seed, stream, trial, time, steps):
+    """Rows of draws for `steps` ms from `time` into flat int32 `out`, `width` a row.
+
+    The first row is that of the multiple of four at or before `time`; that many rows are returned.
+    """
+    row = 0
+    for block in range(time >> 2, ((time + steps - 1) >> 2) + 1):
+        r0, r1, r2, r3 = row * width, (row + 1) * width, (row + 2) * width, (row + 3) * width
+        for i in range(width):
+            w0, w1, w2, w3 = _philox(uint64(i), uint64(block), uint64(stream), uint64(trial), seed)
+            out[r0 + i] = np.int32(w0 >> UNUSED)
+            out[r1 + i] = np.int32(w1 >> UNUSED)
+            out[r2 + i] = np.int32(w2 >> UNUSED)
+            out[r3 + i] = np.int32(w3 >> UNUSED)
+        row += 4
+    return time & 3

@@ -1,0 +1,21 @@
+"""Dampening: competition among the synapses of a named set (thesis 3.9)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Homeostasis:
+    """When a set's mean weight exceeds `limit`, all its weights are lowered by `step`, not below zero.
+
+    Attributes:
+        projections: names of the plastic projections that make up the set.
+        limit, step: mV.
+        count_absent: whether pairs without a synapse count as zeros in the mean.
+    """
+
+    projections: tuple[str, ...]
+    limit: float
+    step: float
+    count_absent: bool

@@ -1,0 +1,38 @@
+"""The closed loop of network and world; the one place where they meet."""
+
+from __future__ import annotations
+
+from torch import Tensor, nn
+
+from snnrl.coding import Coding
+from snnrl.network import Network
+from snnrl.world import World
+
+
+class Simulation(nn.Module):
+    """A batch of robots in their worlds; its state_dict is the whole dynamic state."""
+
+    def __init__(self, network: Network, coding: Coding, world: World) -> None:
+        super().__init__()
+        self.network, self.coding, self.world = network, coding, world
+
+    @property
+    def trials(self) -> int:
+        return self.network.trials
+
+    def tick(self, raster: Tensor | None = None) -> None:
+        """One control tick; the one definition of its order.
+
+        1. Wheel speeds are decoded from the spikes of the last tick.
+        2. The robot moves; what it touches is felt, taken and replaced.
+        3. The range sensors are read.
+        4. Pulses, the exploring side and its current are drawn.
+        5. The network runs for the length of the tick.
+
+        `raster`, bool [tick, B, N], is filled with who fired.
+        """
+        network, world = self.network, self.world
+        wheels = self.coding.decode(network)
+        touched = world.step(wheels, network.time)
+        current = self.coding.encode(network, world.sense(), touched)
+        network.run(current, world.sign(network.time).to(network.dtype), raster)

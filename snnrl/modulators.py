@@ -1,0 +1,60 @@
+"""Dopamine: a level per trial, raised by bursts of the dopaminergic group."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor, nn
+
+
+class Dopamine(nn.Module):
+    """The level of dopamine of every trial (thesis 3.7).
+
+    Args:
+        source: name of the dopaminergic group.
+        trials: B.
+        baseline: level without any release (uM); a negative one acts as hunger.
+        tau: decay towards the baseline (ms).
+        release: uM per spike.
+        delay: ms from a spike to its release, at least 1.
+        threshold: spikes of one ms count only if they are more than this.
+
+    Buffers:
+        level: [B], uM.
+        released: int64 [B, delay], a ring of spike counts; slot `t % delay` holds those of `t - delay`.
+    """
+
+    level: Tensor
+    released: Tensor
+
+    def __init__(
+        self,
+        source: str,
+        trials: int,
+        baseline: float,
+        tau: float,
+        release: float,
+        delay: int,
+        threshold: int,
+        dtype: torch.dtype,
+        device: torch.device | str,
+    ) -> None:
+        super().__init__()
+        self.source, self.baseline, self.tau, self.release = source, baseline, tau, release
+        self.delay, self.threshold = delay, threshold
+        self.decay = math.exp(-1.0 / tau)
+        self.register_buffer("level", torch.full((trials,), baseline, dtype=dtype, device=device))
+        self.register_buffer("released", torch.zeros(trials, delay, dtype=torch.int64, device=device))
+
+    def step(self, spikes: Tensor, sign: Tensor, time: Tensor) -> None:
+        """Take this ms's spike counts [B] into the delay line and bring the level up to date.
+
+        `sign` [B] is -1 where a release lowers the level (poison), else +1.
+        """
+        slot = (time % self.delay).expand(len(spikes), 1)
+        arrived = self.released.gather(1, slot)[:, 0]
+        self.released.scatter_(1, slot, spikes[:, None])
+        counted = torch.where(arrived > self.threshold, arrived, 0).to(self.level.dtype)
+        level = self.baseline + (self.level - self.baseline) * self.decay
+        self.level.copy_(level + sign * (self.release * counted))

@@ -1,0 +1,264 @@
+"""What a configuration may hold: keys, types and bounds. Values live in conf/.
+
+The dataclasses serve Hydra as its schema and library users as descriptions for `snnrl.builder`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from omegaconf import MISSING
+
+
+class ConfigError(ValueError):
+    """One value of a configuration is wrong; the message names key, value and what is allowed."""
+
+    def __init__(self, key: str, value: object, allowed: str) -> None:
+        super().__init__(f"{key}={value}: {allowed}")
+
+
+def number(
+    default: Any = MISSING,
+    least: float | None = None,
+    most: float | None = None,
+    above: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """A field with bounds: least <= value <= most, value > above, or one of the choices."""
+    return field(default=default, metadata={"least": least, "most": most, "above": above, "choices": choices})
+
+
+def table() -> Any:
+    """A field that is a dictionary, empty unless given."""
+    return field(default_factory=dict)
+
+
+@dataclass
+class NeuronConfig:
+    """Izhikevich parameters: a, b, c + c_spread r^2, d + d_spread r^2 with r uniform in [0, 1) per neuron."""
+
+    a: float = MISSING
+    b: float = MISSING
+    c: float = MISSING
+    d: float = MISSING
+    c_spread: float = 0.0
+    d_spread: float = 0.0
+    v: float = MISSING  # initial potential, mV
+
+
+@dataclass
+class SynapseConfig:
+    """A kind of synapse: how likely a pair is joined, weight + spread * uniform (mV), delay (ms)."""
+
+    probability: float = number(least=0.0, most=1.0)
+    weight: float = 0.0
+    spread: float = 0.0
+    plastic: bool = False
+    delay: int = number(1, least=1, most=1000)
+
+
+@dataclass
+class GroupConfig:
+    """A population; `current` and `noise` (half width, uniform) are its background."""
+
+    size: int = number(least=1, most=1_000_000)
+    neuron: str = MISSING
+    current: float = 0.0
+    noise: float = number(0.0, least=0.0)
+
+
+@dataclass
+class ProjectionConfig:
+    """Synapses of one kind from one group to another."""
+
+    pre: str = MISSING
+    post: str = MISSING
+    synapse: str = MISSING
+    role: str = ""
+
+
+@dataclass
+class PlasticityConfig:
+    """See `snnrl.synapses.Plasticity`."""
+
+    potentiation: float = number(least=0.0)
+    depression: float = number(least=0.0)
+    tau_plus: float = number(above=0.0)
+    tau_minus: float = number(above=0.0)
+    tau_eligibility: float = number(above=0.0)
+    weight_max: float = number(above=0.0)
+
+
+@dataclass
+class DopamineConfig:
+    """See `snnrl.modulators.Dopamine`."""
+
+    source: str = MISSING
+    baseline: float = MISSING
+    tau: float = number(above=0.0)
+    release: float = MISSING
+    delay: int = number(least=1, most=1000)
+    threshold: int = number(least=0)
+
+
+@dataclass
+class HomeostasisConfig:
+    """See `snnrl.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles."""
+
+    sets: dict[str, list[str]] = table()
+    limit: float = number(least=0.0)
+    step: float = number(least=0.0)
+    count_absent: bool = True
+
+
+@dataclass
+class NetworkConfig:
+    """A whole network; any number of groups and projections."""
+
+    neurons: dict[str, NeuronConfig] = table()
+    synapses: dict[str, SynapseConfig] = table()
+    groups: dict[str, GroupConfig] = table()
+    projections: dict[str, ProjectionConfig] = table()
+    synaptic_gain: float = number(least=0.0)
+    plasticity: PlasticityConfig = field(default_factory=PlasticityConfig)
+    dopamine: DopamineConfig = field(default_factory=DopamineConfig)
+    homeostasis: HomeostasisConfig = field(default_factory=HomeostasisConfig)
+
+
+@dataclass
+class PairConfig:
+    """The left and the right group of a pair of range sensors, or of the motors."""
+
+    left: str = MISSING
+    right: str = MISSING
+
+
+@dataclass
+class CodingConfig:
+    """See `snnrl.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor."""
+
+    tick: int = number(least=1, most=10_000)
+    range_mean: float = number(above=0.0, most=600.0)
+    range_gain: float = number(least=0.0)
+    touch_mean: float = number(above=0.0, most=600.0)
+    touch_gain: float = number(least=0.0)
+    exploration: float = number(above=0.0, most=600.0)
+    slow: float = number(least=0.0)
+    fast: float = number(above=0.0)
+    motors: PairConfig = field(default_factory=PairConfig)
+    ranges: dict[str, PairConfig] = table()
+    touches: dict[str, str] = table()
+
+
+@dataclass
+class SensorConfig:
+    """How far a range sensor sees (cm), and whether it measures to the border of an object or its centre."""
+
+    reach: float = number(above=0.0)
+    measured_to: str = number("border", choices=("border", "centre"))
+
+
+@dataclass
+class WorldConfig:
+    """See `snnrl.world.World`; lengths in cm."""
+
+    side: float = number(above=0.0)
+    free_items: int = number(least=0, most=100_000)
+    food_containers: int = number(least=0, most=100_000)
+    empty_containers: int = number(least=0, most=100_000)
+    item_radius: float = number(above=0.0)
+    container_radius: float = number(above=0.0)
+    axle: float = number(above=0.0)
+    container_speed: float = number(above=0.0)
+    ranges: dict[str, SensorConfig] = table()
+    poison_from: float | None = number(None, least=0.0)  # s
+
+
+@dataclass
+class RobotConfig:
+    """What distinguishes a robot: initial weights by role (mV), and which roles do not learn."""
+
+    name: str = MISSING
+    learning: bool = True
+    weights: dict[str, float] = table()
+    fixed: list[str] = field(default_factory=list)
+
+
+@dataclass
+class ExperimentConfig:
+    """What an experiment is called, which robots it is for, and which taxes make a trial correct."""
+
+    name: str = MISSING
+    robots: list[str] = MISSING
+    correct: list[str] = field(default_factory=list)
+
+
+@dataclass
+class RecordConfig:
+    """How often (simulated s) the series are sampled, and whether TensorBoard events are written."""
+
+    every: float = number(above=0.0)
+    tensorboard: bool = True
+
+
+@dataclass
+class Config:
+    """Everything a run is made from."""
+
+    experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    coding: CodingConfig = field(default_factory=CodingConfig)
+    world: WorldConfig = field(default_factory=WorldConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
+    trials: int = number(least=1, most=10_000_000)
+    trial_start: int = number(0, least=0, most=2**31)
+    seconds: float = number(above=0.0, most=1e9)
+    seed: int = number(0, least=0, most=2**63 - 1)
+    engine: str = number("auto", choices=("auto", "reference", "fused"))
+    device: str = "cpu"
+    dtype: str = number("float32", choices=("float32", "float64"))
+    threads: int = number(0, least=0, most=4096)  # 0 is one per processor
+
+
+def check_bounds(config: Any, key: str = "") -> None:
+    """Check every value of a dataclass, recursively, against the bounds of its field.
+
+    Raises:
+        ConfigError: at the first value that is missing, not finite or out of bounds.
+    """
+    for item in dataclasses.fields(config):
+        value, name = getattr(config, item.name), f"{key}{item.name}"
+        if dataclasses.is_dataclass(value):
+            check_bounds(value, f"{name}.")
+        elif isinstance(value, dict):
+            for part, inner in value.items():
+                if dataclasses.is_dataclass(inner):
+                    check_bounds(inner, f"{name}.{part}.")
+                else:
+                    _check(f"{name}.{part}", inner, {})
+        else:
+            _check(name, value, item.metadata)
+
+
+def _check(name: str, value: Any, bounds: Any) -> None:
+    if isinstance(value, str) and value == MISSING:
+        raise ConfigError(name, value, "a value must be given")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(name, value, "must be a finite number")
+    if (choices := bounds.get("choices")) and value not in choices:
+        raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
+    if value is None or isinstance(value, (str, list)):
+        return
+    least, most, above = bounds.get("least"), bounds.get("most"), bounds.get("above")
+    if least is not None and value < least or most is not None and value > most:
+        limits = " and ".join(
+            text for bound, text in ((least, f"at least {least:g}" if least is not None else ""),
+                                     (most, f"at most {most:g}" if most is not None else "")) if bound is not None
+        )
+        raise ConfigError(name, value, f"must be {limits}")
+    if above is not None and value <= above:
+        raise ConfigError(name, value, f"must be greater than {above:g}")

@@ -1,0 +1,103 @@
+"""Projections: sparse synapses between two groups, and the plasticity that acts on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+
+
+@dataclass(frozen=True)
+class Plasticity:
+    """Dopamine-modulated, nearest-neighbour STDP (thesis 3.7; Izhikevich 2007).
+
+    Attributes:
+        potentiation, depression: A+ and A-, the change of eligibility by one pair at no distance.
+        tau_plus, tau_minus: width of the two halves of the window (ms).
+        tau_eligibility: decay of the eligibility (ms).
+        weight_max: plastic weights stay in [0, weight_max] (mV).
+    """
+
+    potentiation: float
+    depression: float
+    tau_plus: float
+    tau_minus: float
+    tau_eligibility: float
+    weight_max: float
+
+
+def stdp(elapsed: Tensor, amplitude: float, tau: float, dtype: torch.dtype) -> Tensor:
+    """Weight of a pair of spikes `elapsed` ms apart: one half of the window (thesis 3.7), same shape."""
+    return amplitude * torch.exp(elapsed.to(dtype) / -tau)
+
+
+class Projection(nn.Module):
+    """The synapses from one group to another, of every trial.
+
+    Synapses are stored flat, ordered by trial, then presynaptic, then postsynaptic neuron; trials have
+    different numbers of them. `S` is the number over all trials.
+
+    Args:
+        name: the projection's name in its network.
+        pre, post: the two groups' names.
+        connected: which pairs are joined, bool [B, n_pre, n_post].
+        weight: weight of every pair (mV), [B, n_pre, n_post]; values of absent pairs are not used.
+        plastic: whether the network's plasticity acts on it.
+        delay: whole milliseconds, at least 1.
+        role: what it does for the behaviour (for example `food_attraction`); "" if nothing in particular.
+
+    Buffers:
+        weight: [S], mV. eligibility: [S].
+        trial, pre_index, post_index: int64 [S], the ends of each synapse, counted within trial and group.
+    """
+
+    weight: Tensor
+    eligibility: Tensor
+    trial: Tensor
+    pre_index: Tensor
+    post_index: Tensor
+
+    def __init__(
+        self,
+        name: str,
+        pre: str,
+        post: str,
+        connected: Tensor,
+        weight: Tensor,
+        plastic: bool = False,
+        delay: int = 1,
+        role: str = "",
+    ) -> None:
+        super().__init__()
+        self.name, self.pre, self.post, self.role = name, pre, post, role
+        self.plastic, self.delay = plastic, delay
+        self.shape = tuple(connected.shape)
+        trial, pre_index, post_index = connected.nonzero(as_tuple=True)
+        self.register_buffer("weight", weight[connected])
+        self.register_buffer("eligibility", torch.zeros_like(self.weight))
+        self.register_buffer("trial", trial)
+        self.register_buffer("pre_index", pre_index)
+        self.register_buffer("post_index", post_index)
+
+    def matrix(self, values: Tensor | None = None) -> Tensor:
+        """Weights (or other values [S]) as a sparse COO tensor [B, n_pre, n_post]; a copy, not a view."""
+        indices = torch.stack([self.trial, self.pre_index, self.post_index])
+        values = self.weight if values is None else values
+        return torch.sparse_coo_tensor(indices, values.clone(), self.shape, is_coalesced=True)
+
+    def mean_weight(self) -> Tensor:
+        """Mean weight of each trial (mV), [B] float64, absent synapses counted as zeros (thesis 4.2)."""
+        return self._mean(self.weight)
+
+    def mean_eligibility(self) -> Tensor:
+        """Mean eligibility of each trial, [B] float64, absent synapses counted as zeros."""
+        return self._mean(self.eligibility)
+
+    def _mean(self, values: Tensor) -> Tensor:
+        total = torch.zeros(self.shape[0], dtype=torch.float64, device=values.device)
+        return total.index_add_(0, self.trial, values.double()) / (self.shape[1] * self.shape[2])
+
+    def extra_repr(self) -> str:
+        kind = "plastic" if self.plastic else "fixed"
+        return f"{self.pre} -> {self.post}, {len(self.weight)} synapses in {self.shape[0]} trials, {kind}"

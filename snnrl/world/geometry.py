@@ -1,0 +1,38 @@
+"""Positions on a square torus (cm) and the two-wheeled robot's motion; pure functions."""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from torch import Tensor
+
+
+def offset(origin: Tensor, target: Tensor, side: float) -> Tensor:
+    """Shortest way from origin to target on the torus; each component in [-side/2, side/2)."""
+    half = 0.5 * side
+    return torch.remainder(target - origin + half, side) - half
+
+
+def drive(
+    position: Tensor, heading: Tensor, wheels: Tensor, seconds: float, axle: float, side: float
+) -> tuple[Tensor, Tensor]:
+    """One Euler step of a two-wheeled robot: first along the old heading, then the turn.
+
+    Args:
+        position: [B, 2], cm. heading: [B], rad, anticlockwise from the x axis.
+        wheels: [B, 2], speed of the left and the right wheel, cm/s.
+        seconds: the step. axle: distance of the wheels, cm. side: of the torus, cm.
+    """
+    left, right = wheels.unbind(1)
+    way = 0.5 * (left + right) * seconds
+    step = torch.stack([way * torch.cos(heading), way * torch.sin(heading)], 1)
+    turned = heading + (right - left) / axle * seconds
+    return torch.remainder(position + step, side), torch.remainder(turned, 2.0 * math.pi)
+
+
+def in_disc(radius: float, uniform: Tensor) -> Tensor:
+    """Uniform points of a disc round the origin from two uniform numbers, [..., 2] to [..., 2]."""
+    distance = radius * torch.sqrt(uniform[..., 0])
+    angle = 2.0 * math.pi * uniform[..., 1]
+    return torch.stack([distance * torch.cos(angle), distance * torch.sin(angle)], -1)
