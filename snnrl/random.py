@@ -98,6 +98,11 @@ def poisson(bits: Tensor, thresholds: Tensor) -> Tensor:
     return torch.bucketize(bits, thresholds, right=True)
 
 
+def poisson_table_size(largest: float) -> int:
+    """Counts from this one on have probabilities far below 2**-24 for means up to `largest`."""
+    return int(largest + 12 * math.sqrt(largest) + 12)
+
+
 def poisson_of_means(bits: Tensor, means: Tensor, largest: float) -> Tensor:
     """Poisson counts for means that differ between trials.
 
@@ -106,8 +111,7 @@ def poisson_of_means(bits: Tensor, means: Tensor, largest: float) -> Tensor:
         means: float64 [B], each at most `largest`.
         largest: sizes the table; must be below 700 (where exp(-mean) underflows).
     """
-    size = int(largest + 12 * math.sqrt(largest) + 12)
-    ratio = means[:, None] / torch.arange(1, size, device=means.device)
+    ratio = means[:, None] / torch.arange(1, poisson_table_size(largest), device=means.device)
     first = torch.exp(-means)[:, None]
     pmf = torch.cat([first, first * torch.cumprod(ratio, 1)], 1)
     return torch.searchsorted(torch.cumsum(pmf, 1), bits.double() / (1 << BITS), right=True)

@@ -9,9 +9,10 @@ from torch import Tensor
 
 
 def offset(origin: Tensor, target: Tensor, side: float) -> Tensor:
-    """Shortest way from origin to target on the torus; each component in [-side/2, side/2)."""
-    half = 0.5 * side
-    return torch.remainder(target - origin + half, side) - half
+    """Shortest way from origin to target, both in [0, side); each component in [-side/2, side/2)."""
+    way = target - origin
+    way = torch.where(way >= 0.5 * side, way - side, way)
+    return torch.where(way < -0.5 * side, way + side, way)
 
 
 def drive(

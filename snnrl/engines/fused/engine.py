@@ -19,7 +19,7 @@ from snnrl.engines.fused.world import CodingArrays, WorldArrays, run_ticks
 from snnrl.loop import Simulation
 from snnrl.network import Network
 from snnrl.neurons import PEAK
-from snnrl.random import stream
+from snnrl.random import poisson_table_size, stream
 from snnrl.schema import ConfigError
 from snnrl.synapses import Projection, stdp
 from snnrl.world import TOUCHES, World
@@ -224,6 +224,7 @@ def _coding(coding: Coding, network: Network, world: World) -> CodingArrays:
         coding.range_pulse.mean,
         real(coding.range_pulse.gain),
         real(coding.touch_pulse.gain),
+        poisson_table_size(coding.range_pulse.mean),
         coding.touch_thresholds.numpy(),
         coding.exploration_thresholds.numpy(),
     )

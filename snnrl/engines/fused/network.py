@@ -85,7 +85,7 @@ class Work(NamedTuple):
     rise: Any  # [K], how fast it can rise at most
 
 
-@njit
+@njit(forceinline=True)
 def make_work(net):
     neurons, groups, sets = net.v.shape[1], net.groups.shape[0], net.set_step.shape[0]
     padded = (neurons + LANES - 1) // LANES * LANES
@@ -110,7 +110,7 @@ def padded_width(size):
     return (size + 7) // 8 * 8
 
 
-@njit
+@njit(forceinline=True)
 def load(net, work, trial):
     """Pack the neurons of a trial in blocks of LANES, so that the update needs one base address."""
     for i in range(net.v.shape[1]):
@@ -123,7 +123,7 @@ def load(net, work, trial):
         work.state[at + 5 * LANES] = net.d[trial, i]
 
 
-@njit
+@njit(forceinline=True)
 def store(net, work, trial):
     for i in range(net.v.shape[1]):
         at = i // LANES * LANES * ROWS + i % LANES
@@ -131,7 +131,7 @@ def store(net, work, trial):
         net.u[trial, i] = work.state[at + LANES]
 
 
-@njit
+@njit(forceinline=True)
 def update_neurons(state, current, constants, spikes):
     """One ms of all neurons; the fired ones' numbers go to `spikes`, their count is returned."""
     k004, k5, k140, half, peak = constants[0], constants[1], constants[2], constants[3], constants[4]
@@ -157,64 +157,81 @@ def update_neurons(state, current, constants, spikes):
     return found
 
 
+@njit(forceinline=True)
+def synapses_of(net, p, trial):
+    """Where the synapses of projection p of a trial begin and end."""
+    first = net.projections[p, FIRST_ROW]
+    size = net.groups[net.projections[p, PRE], SIZE]
+    return net.rows[first + trial * size], net.rows[first + (trial + 1) * size]
+
+
 @njit
+def _settle(weight, scaled, settled, drive, limit):
+    """weight + scaled * (drive - settled), clipped; the drive starts at zero again."""
+    zero = limit - limit
+    for s in range(len(weight)):
+        value = weight[s] + scaled[s] * (drive - settled[s])
+        value = limit if value > limit else value
+        weight[s] = zero if value < zero else value
+        settled[s] = zero
+
+
+@njit(forceinline=True)
 def settle_all(net, trial, drive):
     """Bring every plastic weight of the trial up to date."""
-    limit = net.constants[8]
-    zero = limit - limit
     for p in range(net.plastic):
-        first = net.projections[p, FIRST_ROW]
-        size = net.groups[net.projections[p, PRE], SIZE]
-        low, high = net.rows[first + trial * size], net.rows[first + (trial + 1) * size]
-        for s in range(low, high):
-            weight = net.weight[s] + net.eligibility[s] * (drive - net.settled[s])
-            weight = limit if weight > limit else weight
-            net.weight[s] = zero if weight < zero else weight
-            net.settled[s] = zero
+        low, high = synapses_of(net, p, trial)
+        weight, scaled, settled = net.weight[low:high], net.eligibility[low:high], net.settled[low:high]
+        _settle(weight, scaled, settled, drive, net.constants[8])
 
 
 @njit(fastmath={"reassoc", "nsz"})
-def _sums(weight, scaled, low, high, limit, positive):
-    """Sum of the weights, and of |scaled| where the weight can rise."""
+def _sums(weight, scaled, limit, sign):
+    """Sum of the weights, and of |scaled| where the weight can rise under dopamine of that sign."""
     total, rise = 0.0, 0.0
     zero = limit - limit
-    if positive:
-        for s in range(low, high):
-            total += weight[s]
-            rise += scaled[s] if scaled[s] > zero and weight[s] < limit else zero
-    else:
-        for s in range(low, high):
-            total += weight[s]
-            rise -= scaled[s] if scaled[s] < zero and weight[s] < limit else zero
+    for s in range(len(weight)):
+        total += weight[s]
+        upward = sign * scaled[s]
+        rise += upward if (upward > zero) & (weight[s] < limit) else zero
     return total, rise
 
 
-@njit
+@njit(forceinline=True)
 def measure_sets(net, work, trial, positive):
     """Total weight of each homeostatic set, and the most it can rise per unit of drive."""
     work.total[:] = 0.0
     work.rise[:] = 0.0
+    sign = net.fading[0] if positive else -net.fading[0]
     for p in range(net.plastic):
         k = net.projections[p, SET]
         if k < 0:
             continue
-        first = net.projections[p, FIRST_ROW]
-        size = net.groups[net.projections[p, PRE], SIZE]
-        low, high = net.rows[first + trial * size], net.rows[first + (trial + 1) * size]
-        total, rise = _sums(net.weight, net.eligibility, low, high, net.constants[8], positive)
+        low, high = synapses_of(net, p, trial)
+        total, rise = _sums(net.weight[low:high], net.eligibility[low:high], net.constants[8], sign)
         work.total[k] += total
         work.rise[k] += rise
 
 
 @njit
-def dampen(net, work, trial, drive, positive):
-    """Step 6: lower the sets whose mean is too high; returns the drive, 0 after a flush."""
+def _lower(weight, step):
+    for s in range(len(weight)):
+        weight[s] = max(weight[s] - step, step - step)
+
+
+@njit(forceinline=True)
+def may_exceed(net, work, trial, drive):
+    """Whether some homeostatic set can have passed its limit since the last flush."""
     near = False
     for k in range(len(work.total)):
         limit = net.set_limit[trial, k]
-        near = near or work.total[k] + work.rise[k] * abs(drive) > limit - SLACK * limit
-    if not near:
-        return drive
+        near |= work.total[k] + work.rise[k] * abs(drive) > limit - SLACK * limit
+    return near
+
+
+@njit
+def dampen(net, work, trial, drive, positive):
+    """Step 6, after a flush: lower the sets whose mean is too high."""
     settle_all(net, trial, drive)
     measure_sets(net, work, trial, positive)
     over = False
@@ -224,15 +241,12 @@ def dampen(net, work, trial, drive, positive):
         for p in range(net.plastic):
             k = net.projections[p, SET]
             if k >= 0 and work.total[k] > net.set_limit[trial, k]:
-                first = net.projections[p, FIRST_ROW]
-                size = net.groups[net.projections[p, PRE], SIZE]
-                for s in range(net.rows[first + trial * size], net.rows[first + (trial + 1) * size]):
-                    net.weight[s] = max(net.weight[s] - net.set_step[k], drive - drive)
+                low, high = synapses_of(net, p, trial)
+                _lower(net.weight[low:high], net.set_step[k])
         measure_sets(net, work, trial, positive)
-    return drive - drive
 
 
-@njit
+@njit(forceinline=True)
 def pair_spikes(net, work, trial, time, found, before, fading, positive):
     """Step 4: what this ms's spikes add to eligibilities; weights are settled first (up to `before`)."""
     state, limit = work.state, net.constants[8]
@@ -276,7 +290,7 @@ def pair_spikes(net, work, trial, time, found, before, fading, positive):
             work.rise[set_] += risen
 
 
-@njit
+@njit(forceinline=True)
 def send(net, work, trial, time, drive):
     """Step 7: this ms's spikes leave."""
     limit, gain = net.constants[8], net.constants[9]
@@ -299,7 +313,7 @@ def send(net, work, trial, time, drive):
                 pending[net.target[s]] += weight * gain
 
 
-@njit
+@njit(forceinline=True)
 def draw_noise(net, work, trial, time, steps):
     """Background draws of every noisy group for a block; returns how many rows to skip."""
     at, skipped = 0, time & 3
@@ -312,7 +326,7 @@ def draw_noise(net, work, trial, time, steps):
     return skipped
 
 
-@njit
+@njit(forceinline=True)
 def add_background(net, work, steps, row):
     """Step 1: the background of one ms."""
     real = net.level.dtype.type
@@ -333,7 +347,7 @@ def add_background(net, work, steps, row):
                 current[i] += constant
 
 
-@njit
+@njit(forceinline=True)
 def run_block(net, work, trial, time, injected, low, high, sign, raster):
     """Up to BLOCK ms of one trial, whose neurons are loaded in `work`.
 
@@ -396,18 +410,17 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
             drive = drive + net.fading[k + 1] * level
             if found:
                 pair_spikes(net, work, trial, now, found, before, net.fading[k + 1], positive)
-            if sets:
-                drive = dampen(net, work, trial, drive, positive)
+            if sets and may_exceed(net, work, trial, drive):
+                dampen(net, work, trial, drive, positive)
+                drive = zero
         if found:
             send(net, work, trial, now, drive)
     net.level[trial] = level
     if learns:
         settle_all(net, trial, drive)
         for p in range(net.plastic):
-            first = net.projections[p, FIRST_ROW]
-            size = net.groups[net.projections[p, PRE], SIZE]
-            for s in range(net.rows[first + trial * size], net.rows[first + (trial + 1) * size]):
-                net.eligibility[s] *= net.fading[steps]
+            low, high = synapses_of(net, p, trial)
+            net.eligibility[low:high] *= net.fading[steps]
 
 
 @njit(nogil=True, cache=True)

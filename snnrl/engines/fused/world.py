@@ -65,16 +65,19 @@ class CodingArrays(NamedTuple):
     range_mean: Any
     range_gain: Any  # real
     touch_gain: Any  # real
+    table_size: Any  # of a Poisson table for range_mean
     touch_thresholds: Any
     exploration_thresholds: Any
 
 
 @njit(inline="always")
 def offset(origin, target, side):
-    return (target - origin + 0.5 * side) % side - 0.5 * side
+    way = target - origin
+    way = way - side if way >= 0.5 * side else way
+    return way + side if way < -0.5 * side else way
 
 
-@njit
+@njit(forceinline=True)
 def decode(net, coding, trial):
     """Wheel speeds from the spikes since the last call."""
     left = net.spike_count[trial, coding.motors[0]]
@@ -86,7 +89,7 @@ def decode(net, coding, trial):
     return middle + half, middle - half
 
 
-@njit
+@njit(forceinline=True)
 def move(world, trial, left, right, seconds):
     if world.inside[trial] >= 0:
         left, right = left * world.container_speed, right * world.container_speed
@@ -98,7 +101,7 @@ def move(world, trial, left, right, seconds):
     world.heading[trial] = (heading + (right - left) / world.axle * seconds) % (2.0 * math.pi)
 
 
-@njit
+@njit(forceinline=True)
 def enter(world, trial):
     """Bring `inside` up to date; whether a container was entered."""
     x, y = world.position[trial, 0], world.position[trial, 1]
@@ -117,7 +120,7 @@ def enter(world, trial):
     return nearest >= 0
 
 
-@njit
+@njit(forceinline=True)
 def take(world, seed, number, trial, time, tick_touched):
     """Take and replace the items within touch."""
     x, y = world.position[trial, 0], world.position[trial, 1]
@@ -144,7 +147,7 @@ def take(world, seed, number, trial, time, tick_touched):
             world.items[trial, m, 0], world.items[trial, m, 1] = new_x, new_y
 
 
-@njit
+@njit(forceinline=True)
 def sense(world, trial, r):
     """Which eye of range sensor r answers (0 left, 1 right), and its value."""
     x, y = world.position[trial, 0], world.position[trial, 1]
@@ -169,7 +172,7 @@ def sense(world, trial, r):
     return eye, max(1.0 - nearest / world.reach[r], 0.0)
 
 
-@njit
+@njit(forceinline=True)
 def poisson(draw, thresholds):
     count = 0
     while count < len(thresholds) and draw >= thresholds[count]:
@@ -178,28 +181,32 @@ def poisson(draw, thresholds):
 
 
 @njit
-def poisson_of_mean(draw, mean):
-    """Inversion as in `snnrl.random.poisson_of_means`."""
-    probability = math.exp(-mean)
-    cumulative, factor, count = probability, 1.0, 0
-    while cumulative <= draw * UNIT and count < 10_000:
-        count += 1
+def poisson_table(mean, table):
+    """Cumulative probabilities as in `snnrl.random.poisson_of_means`, as far as a draw can reach."""
+    probability, factor = math.exp(-mean), 1.0
+    table[:] = 1.0
+    table[0] = probability
+    for count in range(1, len(table)):
         factor *= mean / count
-        cumulative += probability * factor
-    return count
+        table[count] = table[count - 1] + probability * factor
+        if table[count] > 1.0 - 0.5 * UNIT:
+            break
 
 
 @njit
-def encode(net, world, coding, trial, time, touched, current, drawn, counts):
+def encode(net, world, coding, trial, time, work):
     """The tick's injected current; returns the columns that its later rows have values in."""
     seed, number, real = net.seed, net.trials[trial], net.level.dtype.type
+    current, drawn, counts, touched = work.current, work.drawn, work.counts, work.touched
     current[0, :] = 0.0
     for r in range(len(coding.ranges)):
         eye, value = sense(world, trial, r)
         if value > 0.0:
             group, stream = coding.ranges[r, eye], coding.range_streams[r, eye]
+            poisson_table(coding.range_mean * value, work.poisson)
             for i in range(net.groups[group, SIZE]):
-                count = poisson_of_mean(bits(seed, stream, number, time, i), coding.range_mean * value)
+                draw = bits(seed, stream, number, time, i) * UNIT
+                count = np.searchsorted(work.poisson, draw, side="right")
                 current[0, net.groups[group, START] + i] += coding.range_gain * real(count)
     for kind in range(3):
         group = coding.touches[kind]
@@ -229,35 +236,59 @@ def encode(net, world, coding, trial, time, touched, current, drawn, counts):
     return start, start + size
 
 
-@njit(nogil=True, cache=True)
-def run_ticks(net, world, coding, low, high, time, ticks, raster):
-    """`Simulation.tick`, `ticks` times, for trials low to high."""
-    work = make_work(net)
-    current = np.zeros((coding.tick, net.v.shape[1]), work.current.dtype)
+class TickWork(NamedTuple):
+    """Scratch of one thread."""
+
+    current: Any  # real [tick, N], what the tick injects
+    drawn: Any
+    counts: Any
+    touched: Any  # bool [3], by TOUCHES
+    poisson: Any
+
+
+@njit
+def make_tick_work(net, coding):
     widest = 0
     for motor in coding.motors:
         widest = max(widest, padded_width(net.groups[motor, SIZE]))
-    drawn = np.zeros((coding.tick + 6) * widest, np.int32)
-    counts = np.zeros(len(drawn), np.int32)
-    touched = np.zeros(3, np.bool_)
+    return TickWork(
+        np.zeros((coding.tick, net.v.shape[1]), net.v.dtype),
+        np.zeros((coding.tick + 6) * widest, np.int32),
+        np.zeros((coding.tick + 6) * widest, np.int32),
+        np.zeros(3, np.bool_),
+        np.zeros(coding.table_size),
+    )
+
+
+@njit
+def step_world(net, world, coding, trial, time, touched):
+    """`World.step`, with the wheels' decoding before it."""
+    left, right = decode(net, coding, trial)
+    move(world, trial, left, right, coding.tick / 1000.0)
+    touched[:] = False
+    if enter(world, trial):
+        kind = FOOD_CONTAINER if world.inside[trial] < world.food_containers else EMPTY_CONTAINER
+        touched[kind] = True
+        world.touches[trial, kind] += 1
+    take(world, net.seed, net.trials[trial], trial, time, touched)
+
+
+@njit(nogil=True, cache=True)
+def run_ticks(net, world, coding, low, high, time, ticks, raster):
+    """`Simulation.tick`, `ticks` times, for trials low to high."""
+    work, tick = make_work(net), make_tick_work(net, coding)
     one = net.fading[0]
     for trial in range(low, high):
         load(net, work, trial)
         for k in range(ticks):
             now = time + k * coding.tick
-            left, right = decode(net, coding, trial)
-            move(world, trial, left, right, coding.tick / 1000.0)
-            touched[:] = False
-            if enter(world, trial):
-                kind = FOOD_CONTAINER if world.inside[trial] < world.food_containers else EMPTY_CONTAINER
-                touched[kind] = True
-                world.touches[trial, kind] += 1
-            take(world, net.seed, net.trials[trial], trial, now, touched)
-            first, last = encode(net, world, coding, trial, now, touched, current, drawn, counts)
+            step_world(net, world, coding, trial, now, tick.touched)
+            first, last = encode(net, world, coding, trial, now, tick)
             sign = -one if now >= world.poison_from else one
             for at in range(0, coding.tick, BLOCK):
-                rows = raster[k * coding.tick + at : (k + 1) * coding.tick, trial][:BLOCK]
+                spikes = raster[k * coding.tick + at : (k + 1) * coding.tick, trial][:BLOCK]
                 if at:
                     first, last = 0, net.v.shape[1]
-                run_block(net, work, trial, now + at, current[at : at + BLOCK], first, last, sign, rows)
+                rows = tick.current[at : at + BLOCK]
+                run_block(net, work, trial, now + at, rows, first, last, sign, spikes)
         store(net, work, trial)
