@@ -241,10 +241,9 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
 
 def check_contradictions(config: Config) -> None:
     """Values that are each allowed but do not fit together; raises ConfigError."""
+    _one_of("robot", config.robot.name, config.experiment.robots)
     check_network(config.network, config.robot)
     groups, coding, world = config.network.groups, config.coding, config.world
-    if config.experiment.robots:
-        _one_of("robot", config.robot.name, config.experiment.robots)
     _one_of("coding.motors.left", coding.motors.left, groups)
     _one_of("coding.motors.right", coding.motors.right, groups)
     if coding.slow > coding.fast:
@@ -268,7 +267,8 @@ def check_contradictions(config: Config) -> None:
             allowed = f"must be at least {needed:g}, twice what the {name} sensor sees"
             raise ConfigError("world.side", world.side, allowed)
     roles = {projection.role for projection in config.network.projections.values()}
-    for taxis in config.experiment.correct:
+    for taxis, rule in config.experiment.correct.items():
+        _one_of(f"experiment.correct.{taxis}", rule, ("together", "each_side"))
         if not {f"{taxis}_attraction", f"{taxis}_avoidance"} <= roles:
             allowed = "needs projections with the roles NAME_attraction and NAME_avoidance"
             raise ConfigError("experiment.correct", taxis, allowed)

@@ -189,11 +189,14 @@ class RobotConfig:
 
 @dataclass
 class ExperimentConfig:
-    """What an experiment is called, which robots it is for, and which taxes make a trial correct."""
+    """What an experiment is called, which robots it is for, and which taxes make a trial correct.
+
+    `correct` gives each taxis its rule in `snnrl.analysis.criteria`: together or each_side.
+    """
 
     name: str = MISSING
     robots: list[str] = MISSING
-    correct: list[str] = field(default_factory=list)
+    correct: dict[str, str] = table()
 
 
 @dataclass

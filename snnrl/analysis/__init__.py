@@ -1,0 +1,1 @@
+"""What runs mean: correctness criteria and summaries."""

@@ -1,0 +1,83 @@
+"""Speed of the closed loop, world included, after compilation: one JSON line a case.
+
+    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200]
+
+The unit is trial-milliseconds per second. Every case starts from the same state, that of a robot which
+has learnt for the warm-up, and engines take turns, so that ratios hold when the machine's speed drifts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import json
+import platform
+import statistics
+import time
+
+import torch
+from hydra import compose, initialize_config_dir
+
+from snnrl.builder import build
+from snnrl.config import conf_dir, plain
+from snnrl.engines import Engine, make_engine
+from snnrl.loop import Simulation
+
+ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
+REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
+
+
+def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
+    """A batch of robots that have learnt for `warm_up` simulated seconds."""
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        config = plain(compose("config", overrides=[f"+experiment={ROBOTS[robot]}", f"trials={trials}"]))
+    simulation = build(config)
+    make_engine("fused", "cpu").run(simulation, ticks(simulation, warm_up))
+    return simulation
+
+
+def ticks(simulation: Simulation, seconds: float) -> int:
+    return max(1, round(1000 * seconds / simulation.coding.tick))
+
+
+def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
+    """Trial-milliseconds per second of one run from a copy of the state."""
+    fresh = copy.deepcopy(simulation)
+    engine.run(fresh, 1)
+    count = ticks(fresh, seconds)
+    started = time.perf_counter()
+    engine.run(fresh, count)
+    return fresh.trials * count * fresh.coding.tick / (time.perf_counter() - started)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, nargs="+", default=[1, 50])
+    parser.add_argument("--threads", type=int, default=0)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--warm-up", type=float, default=200.0)
+    arguments = parser.parse_args()
+    fused, reference = make_engine("fused", "cpu", arguments.threads), make_engine("reference", "cpu")
+    if arguments.threads:
+        torch.set_num_threads(arguments.threads)
+    for robot in ROBOTS:
+        for trials in arguments.trials:
+            simulation = learnt(robot, trials, arguments.warm_up)
+            pairs = [
+                (speed(fused, simulation, arguments.seconds), speed(reference, simulation, REFERENCE_SECONDS))
+                for _ in range(arguments.repeats)
+            ]
+            case = {"robot": robot, "trials": trials, "threads": arguments.threads or torch.get_num_threads()}
+            for engine, speeds in zip(("fused", "reference"), zip(*pairs, strict=True), strict=True):
+                summary = {"median": statistics.median(speeds), "min": min(speeds), "max": max(speeds)}
+                rounded = {key: round(value) for key, value in summary.items()}
+                print(json.dumps({**case, "engine": engine, "trial_ms_per_s": rounded}), flush=True)
+            ratio = statistics.median(quick / slow for quick, slow in pairs)
+            print(json.dumps({**case, "fused_over_reference": round(ratio, 1)}), flush=True)
+    machine = {"machine": platform.processor() or platform.machine(), "torch": torch.__version__}
+    print(json.dumps(machine))
+
+
+if __name__ == "__main__":
+    main()
