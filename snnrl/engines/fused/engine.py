@@ -226,5 +226,5 @@ def _coding(coding: Coding, network: Network, world: World) -> CodingArrays:
         real(coding.touch_pulse.gain),
         poisson_table_size(coding.range_pulse.mean),
         coding.touch_thresholds.numpy(),
-        coding.exploration_thresholds.numpy(),
+        coding.exploration_thresholds.numpy().astype(np.int32),
     )

@@ -107,7 +107,7 @@ def make_work(net):
 @njit(inline="always")
 def padded_width(size):
     """Draws a row, rounded up so that no loop over them has a remainder."""
-    return (size + 7) // 8 * 8
+    return (size + LANES - 1) // LANES * LANES
 
 
 @njit(forceinline=True)

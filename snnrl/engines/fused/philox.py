@@ -47,19 +47,26 @@ def uniform(seed, stream, trial, time, index):
 
 
 @njit
+def _fill_rows(out, width, seed, stream, trial, block):
+    """Four rows, those of the times 4 * block to 4 * block + 3."""
+    row0, row1 = out[:width], out[width : 2 * width]
+    row2, row3 = out[2 * width : 3 * width], out[3 * width : 4 * width]
+    for i in range(width):
+        w0, w1, w2, w3 = _philox(uint64(i), uint64(block), uint64(stream), uint64(trial), seed)
+        row0[i] = np.int32(w0 >> UNUSED)
+        row1[i] = np.int32(w1 >> UNUSED)
+        row2[i] = np.int32(w2 >> UNUSED)
+        row3[i] = np.int32(w3 >> UNUSED)
+
+
+@njit
 def fill_bits(out, width, seed, stream, trial, time, steps):
     """Rows of draws for `steps` ms from `time` into flat int32 `out`, `width` a row.
 
     The first row is that of the multiple of four at or before `time`; that many rows are returned.
     """
-    row = 0
+    at = 0
     for block in range(time >> 2, ((time + steps - 1) >> 2) + 1):
-        r0, r1, r2, r3 = row * width, (row + 1) * width, (row + 2) * width, (row + 3) * width
-        for i in range(width):
-            w0, w1, w2, w3 = _philox(uint64(i), uint64(block), uint64(stream), uint64(trial), seed)
-            out[r0 + i] = np.int32(w0 >> UNUSED)
-            out[r1 + i] = np.int32(w1 >> UNUSED)
-            out[r2 + i] = np.int32(w2 >> UNUSED)
-            out[r3 + i] = np.int32(w3 >> UNUSED)
-        row += 4
+        _fill_rows(out[at : at + 4 * width], width, seed, stream, trial, block)
+        at += 4 * width
     return time & 3

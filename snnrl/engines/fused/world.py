@@ -194,6 +194,35 @@ def poisson_table(mean, table):
 
 
 @njit
+def look_up(table, draw, mean):
+    """The first count whose cumulative probability exceeds the draw, sought from the mean."""
+    count = int(mean)
+    while table[count] <= draw:
+        count += 1
+    while count > 0 and table[count - 1] > draw:
+        count -= 1
+    return count
+
+
+@njit
+def fill_counts(counts, drawn, thresholds):
+    """Poisson counts of many draws at once."""
+    counts[:] = 0
+    for threshold in thresholds:
+        for n in range(len(counts)):
+            counts[n] += np.int32(drawn[n] >= threshold)
+
+
+@njit
+def put_rows(current, counts, width, start, size):
+    """Rows of `width` counts into columns start to start + size of all rows but the first."""
+    for k in range(1, current.shape[0]):
+        row, part = current[k, start : start + size], counts[k * width : k * width + size]
+        for i in range(size):
+            row[i] = part[i]
+
+
+@njit
 def encode(net, world, coding, trial, time, work):
     """The tick's injected current; returns the columns that its later rows have values in."""
     seed, number, real = net.seed, net.trials[trial], net.level.dtype.type
@@ -206,7 +235,7 @@ def encode(net, world, coding, trial, time, work):
             poisson_table(coding.range_mean * value, work.poisson)
             for i in range(net.groups[group, SIZE]):
                 draw = bits(seed, stream, number, time, i) * UNIT
-                count = np.searchsorted(work.poisson, draw, side="right")
+                count = look_up(work.poisson, draw, coding.range_mean * value)
                 current[0, net.groups[group, START] + i] += coding.range_gain * real(count)
     for kind in range(3):
         group = coding.touches[kind]
@@ -220,19 +249,13 @@ def encode(net, world, coding, trial, time, work):
     size, start = net.groups[group, SIZE], net.groups[group, START]
     width = padded_width(size)
     skipped = fill_bits(drawn, width, seed, coding.exploration_streams[motor], number, time, coding.tick)
-    filled = (skipped + coding.tick) * width
-    counts[:filled] = 0
-    for threshold in coding.exploration_thresholds:
-        for n in range(filled):
-            counts[n] += 1 if drawn[n] >= threshold else 0
+    part = slice(skipped * width, (skipped + coding.tick) * width)
+    fill_counts(counts[part], drawn[part], coding.exploration_thresholds)
     for i in range(size):
         current[0, start + i] += real(counts[skipped * width + i])
+    put_rows(current, counts[part], width, start, size)
     other = coding.motors[1 - motor]
-    for k in range(1, coding.tick):
-        row = (skipped + k) * width
-        current[k, net.groups[other, START] : net.groups[other, START] + net.groups[other, SIZE]] = 0.0
-        for i in range(size):
-            current[k, start + i] = real(counts[row + i])
+    current[1:, net.groups[other, START] : net.groups[other, START] + net.groups[other, SIZE]] = 0.0
     return start, start + size
 
 

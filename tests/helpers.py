@@ -1,0 +1,159 @@
+"""Small networks, worlds and whole simulations for the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from hydra import compose, initialize_config_dir
+from torch import Tensor
+
+from snnrl.builder import build
+from snnrl.config import conf_dir, plain
+from snnrl.engines import make_engine
+from snnrl.homeostasis import Homeostasis
+from snnrl.loop import Simulation
+from snnrl.modulators import Dopamine
+from snnrl.network import Network
+from snnrl.neurons import NeuronGroup
+from snnrl.random import Draws
+from snnrl.schema import Config
+from snnrl.synapses import Plasticity, Projection
+from snnrl.world import RangeSensor, World
+
+ENGINES = ("reference", "fused")
+EXCITATORY = (0.02, 0.2, -65.0, 8.0)  # a, b, c, d
+INHIBITORY = (0.1, 0.2, -65.0, 8.0)
+RULE = Plasticity(0.1, 0.15, 20.0, 110.0, 476.0, 4.0)
+SURE = 200.0  # current that makes a neuron fire in the ms in which it gets it, without a wild recovery
+
+
+def make_group(
+    name: str,
+    size: int,
+    trials: int = 1,
+    parameters: Sequence[float] = EXCITATORY,
+    current: float = 0.0,
+    noise: float = 0.0,
+    dtype: torch.dtype = torch.float64,
+) -> NeuronGroup:
+    a, b, c, d = (torch.full((trials, size), value, dtype=dtype) for value in parameters)
+    return NeuronGroup(name, a, b, c, d, -65.0, current, noise)
+
+
+def make_projection(
+    name: str,
+    pre: str,
+    post: str,
+    weight: Tensor,
+    plastic: bool = True,
+    delay: int = 1,
+) -> Projection:
+    """A projection with the weights [B, n_pre, n_post]; pairs whose weight is nan are not joined."""
+    return Projection(name, pre, post, ~weight.isnan(), weight, plastic, delay)
+
+
+def make_dopamine(trials: int = 1, dtype: torch.dtype = torch.float64, **changed: Any) -> Dopamine:
+    """Dopamine from the group `dopaminergic` with the thesis's numbers, unless changed."""
+    values = {
+        "source": "dopaminergic", "baseline": -0.0004, "tau": 25.0, "release": 0.0035, "delay": 5, "threshold": 5
+    }
+    return Dopamine(trials=trials, dtype=dtype, device="cpu", **{**values, **changed})  # type: ignore[arg-type]
+
+
+def make_network(
+    groups: Sequence[NeuronGroup],
+    projections: Sequence[Projection] = (),
+    dopamine: Dopamine | None = None,
+    homeostasis: Mapping[str, Homeostasis] | None = None,
+    gain: float = 1.0,
+    seed: int = 0,
+) -> Network:
+    draws = Draws(seed, torch.arange(len(groups[0].v)))
+    return Network(groups, projections, draws, gain, RULE, dopamine, homeostasis)
+
+
+def silence(network: Network, steps: int) -> Tensor:
+    """No injected current, [steps, B, N]."""
+    return torch.zeros(steps, network.trials, network.size, dtype=network.dtype)
+
+
+def forced(
+    network: Network, steps: int, spikes: Mapping[tuple[str, int], Sequence[int]], trial: int = 0
+) -> Tensor:
+    """Injected current [steps, B, N] that makes neuron (group, index) fire at the given times (ms)."""
+    injected = silence(network, steps)
+    for (group, index), times in spikes.items():
+        start: Any = network.groups[group].start
+        injected[list(times), trial, start + index] = SURE
+    return injected
+
+
+def run(engine: str, network: Network, injected: Tensor, sign: Tensor | None = None) -> Tensor:
+    """Who fired, bool [T, B, N]."""
+    raster = torch.zeros(injected.shape, dtype=torch.bool)
+    make_engine(engine, "cpu", 1).run_network(network, injected, sign, raster)
+    return raster
+
+
+def run_each(engine: str, network: Network, injected: Tensor, *watched: Tensor) -> tuple[Tensor, list[Tensor]]:
+    """Run ms by ms; who fired, and the watched tensors after every ms, [T, ...] each."""
+    machine = make_engine(engine, "cpu", 1)
+    raster = torch.zeros(injected.shape, dtype=torch.bool)
+    seen: list[list[Tensor]] = [[] for _ in watched]
+    for k in range(len(injected)):
+        machine.run_network(network, injected[k : k + 1], None, raster[k : k + 1])
+        for values, tensor in zip(seen, watched, strict=True):
+            values.append(tensor.clone())
+    return raster, [torch.stack(values) for values in seen]
+
+
+def spikes_of(raster: Tensor, neuron: int, trial: int = 0) -> list[int]:
+    """Spike times (ms) of one neuron of a raster [T, B, N]."""
+    return raster[:, trial, neuron].nonzero()[:, 0].tolist()
+
+
+def make_world(
+    trials: int = 1,
+    free_items: int = 0,
+    food_containers: int = 0,
+    empty_containers: int = 0,
+    side: float = 300.0,
+    to_border: bool = True,
+    poison_from: int | None = None,
+) -> World:
+    """A world with the thesis's sizes, a tick of 70 ms and both range sensors."""
+    ranges = {"food": RangeSensor(30.0, to_border), "container": RangeSensor(60.0, to_border)}
+    draws = Draws(0, torch.arange(trials))
+    return World(
+        draws, side, free_items, food_containers, empty_containers, 2.4, 14.0, 1.0, 0.5, ranges, 70, poison_from
+    )
+
+
+def place(
+    world: World,
+    position: Sequence[float],
+    heading: float = 0.0,
+    items: Sequence[Sequence[float]] = (),
+    containers: Sequence[Sequence[float]] = (),
+    inside: int = -1,
+    trial: int = 0,
+) -> None:
+    """Put one trial's robot, items and containers where they are wanted."""
+    world.position[trial] = torch.tensor(position, dtype=torch.float64)
+    world.heading[trial] = heading
+    world.items[trial] = torch.tensor(items, dtype=torch.float64).view(-1, 2)
+    world.containers[trial] = torch.tensor(containers, dtype=torch.float64).view(-1, 2)
+    world.inside[trial] = inside
+
+
+def compose_config(*overrides: str) -> Config:
+    """The configuration that the command line would get from these overrides."""
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        return plain(compose("config", overrides=list(overrides)))
+
+
+def make_simulation(*overrides: str) -> Simulation:
+    """A whole simulation in float64 on one thread."""
+    return build(compose_config(*overrides, "dtype=float64", "threads=1"))
