@@ -93,8 +93,11 @@ def make_work(net):
     for g in range(groups):
         if net.groups[g, NOISY]:
             noisy += padded_width(net.groups[g, SIZE])
+    state = np.zeros(padded * ROWS, net.v.dtype)
+    for i in range(neurons, padded):
+        state[i // LANES * LANES * ROWS + i % LANES] = -65.0  # no neuron; rests and never fires
     return Work(
-        np.zeros(padded * ROWS, net.v.dtype),
+        state,
         np.zeros(padded, net.v.dtype),
         np.zeros((BLOCK + 6) * noisy, np.int32),
         np.zeros(padded, np.int64),

@@ -1,0 +1,67 @@
+"""Who may import what."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import snnrl
+
+PACKAGE = Path(snnrl.__file__).parent
+
+
+def imports() -> dict[str, set[str]]:
+    """Modules that each file of the package imports, by its path."""
+    found = {}
+    for path in PACKAGE.rglob("*.py"):
+        names = set()
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module)
+        found[str(path.relative_to(PACKAGE))] = names
+    return found
+
+
+def importers(module: str) -> set[str]:
+    return {
+        path for path, names in imports().items() if any(n == module or n.startswith(f"{module}.") for n in names)
+    }
+
+
+def test_only_the_entry_point_and_the_configuration_know_hydra() -> None:
+    assert importers("hydra") == {"run.py", "config.py"}
+    assert importers("omegaconf") == {"run.py", "config.py", "schema.py"}
+
+
+def test_only_the_recorder_knows_tensorboard() -> None:
+    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"record.py"}
+
+
+def test_only_the_fused_engine_knows_numba() -> None:
+    assert all(path.startswith("engines/fused/") for path in importers("numba"))
+
+
+def test_network_and_world_know_nothing_of_each_other() -> None:
+    world = {name for path, names in imports().items() if path.startswith("world/") for name in names}
+    assert {name for name in world if name.startswith("snnrl")} <= {
+        "snnrl.random",
+        "snnrl.world.geometry",
+        "snnrl.world.sensors",
+        "snnrl.world.world",
+    }
+    network = set().union(*(imports()[f"{name}.py"] for name in ("network", "neurons", "synapses", "modulators")))
+    assert not any(name.startswith(("snnrl.world", "snnrl.coding", "snnrl.loop")) for name in network)
+
+
+def test_nothing_in_the_package_depends_on_tools_or_tests() -> None:
+    assert importers("tools") == importers("tests") == set()
+
+
+def test_no_global_random_numbers() -> None:
+    assert importers("random") == importers("numpy.random") == set()
+    for path in PACKAGE.rglob("*.py"):
+        text = path.read_text()
+        for forbidden in ("np.random", "torch.rand", "manual_seed"):
+            assert forbidden not in text, (path, forbidden)
