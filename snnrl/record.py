@@ -44,14 +44,14 @@ class Recorder:
 
     def _counts(self) -> tuple[float, torch.Tensor, torch.Tensor]:
         network, world = self.simulation.network, self.simulation.world
-        return int(network.time) / 1000.0, world.touches.cpu(), network.spike_count.cpu().clone()
+        return int(network.time) / 1000.0, world.touches.cpu().clone(), network.spike_count.cpu().clone()
 
     def sample(self) -> float:
         """Take one sample; returns the food collection rate (items/s) of the time since the last one."""
         network = self.simulation.network
         seconds, touches, spikes = self._counts()
         then, touches_then, spikes_then = self._before
-        self._before = seconds, touches.clone(), spikes
+        self._before = seconds, touches, spikes
         sample = {
             "time": torch.tensor(seconds),
             "collection_rate": (touches[:, 0] - touches_then[:, 0]) / (seconds - then),

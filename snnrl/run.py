@@ -138,13 +138,12 @@ def report(summary: dict[str, Any], folder: Path) -> None:
 
 
 def discard(folder: Path) -> None:
-    """Remove the run folder that Hydra has just made, unless there is more in it than Hydra put there."""
+    """Remove the run folder that Hydra has just made, and folders above it in here that are left empty."""
     shutil.rmtree(folder / ".hydra", ignore_errors=True)
     for empty in (folder, *folder.parents):
-        try:
-            empty.rmdir()
-        except OSError:
+        if Path.cwd() not in empty.parents and empty != folder or any(empty.iterdir()):
             return
+        empty.rmdir()
 
 
 def explain(error: BaseException | None) -> str:

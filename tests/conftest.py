@@ -1,3 +1,3 @@
 import torch
 
-torch.set_num_threads(1)  # tensors are small; threads that wait for one another cost a hundredfold on a busy machine
+torch.set_num_threads(1)  # on a busy machine, threads that share small tensors mostly wait

@@ -26,7 +26,7 @@ ENGINES = ("reference", "fused")
 EXCITATORY = (0.02, 0.2, -65.0, 8.0)  # a, b, c, d
 INHIBITORY = (0.1, 0.2, -65.0, 8.0)
 RULE = Plasticity(0.1, 0.15, 20.0, 110.0, 476.0, 4.0)
-SURE = 200.0  # current that makes a neuron fire in the ms in which it gets it, without a wild recovery
+SURE = 200.0  # current that makes a neuron fire in the ms in which it gets it, gently
 
 
 def make_group(
@@ -56,10 +56,8 @@ def make_projection(
 
 def make_dopamine(trials: int = 1, dtype: torch.dtype = torch.float64, **changed: Any) -> Dopamine:
     """Dopamine from the group `dopaminergic` with the thesis's numbers, unless changed."""
-    values = {
-        "source": "dopaminergic", "baseline": -0.0004, "tau": 25.0, "release": 0.0035, "delay": 5, "threshold": 5
-    }
-    return Dopamine(trials=trials, dtype=dtype, device="cpu", **{**values, **changed})  # type: ignore[arg-type]
+    values: dict[str, Any] = {"baseline": -0.0004, "tau": 25.0, "release": 0.0035, "delay": 5, "threshold": 5}
+    return Dopamine("dopaminergic", trials, dtype=dtype, device="cpu", **{**values, **changed})
 
 
 def make_network(
@@ -74,6 +72,23 @@ def make_network(
     return Network(groups, projections, draws, gain, RULE, dopamine, homeostasis)
 
 
+def group_of(network: Network, name: str) -> NeuronGroup:
+    group = network.groups[name]
+    assert isinstance(group, NeuronGroup)
+    return group
+
+
+def projections_of(network: Network) -> list[Projection]:
+    """In the order in which the network keeps them."""
+    return [projection for projection in network.projections.values() if isinstance(projection, Projection)]
+
+
+def ends_of(projection: Projection) -> list[tuple[int, int, int]]:
+    """Trial, presynaptic and postsynaptic neuron of every synapse."""
+    ends = torch.stack([projection.trial, projection.pre_index, projection.post_index], 1)
+    return [(trial, pre, post) for trial, pre, post in ends.tolist()]
+
+
 def silence(network: Network, steps: int) -> Tensor:
     """No injected current, [steps, B, N]."""
     return torch.zeros(steps, network.trials, network.size, dtype=network.dtype)
@@ -85,8 +100,7 @@ def forced(
     """Injected current [steps, B, N] that makes neuron (group, index) fire at the given times (ms)."""
     injected = silence(network, steps)
     for (group, index), times in spikes.items():
-        start: Any = network.groups[group].start
-        injected[list(times), trial, start + index] = SURE
+        injected[list(times), trial, group_of(network, group).start + index] = SURE
     return injected
 
 
@@ -97,7 +111,9 @@ def run(engine: str, network: Network, injected: Tensor, sign: Tensor | None = N
     return raster
 
 
-def run_each(engine: str, network: Network, injected: Tensor, *watched: Tensor) -> tuple[Tensor, list[Tensor]]:
+def run_each(
+    engine: str, network: Network, injected: Tensor, *watched: Tensor
+) -> tuple[Tensor, list[Tensor]]:
     """Run ms by ms; who fired, and the watched tensors after every ms, [T, ...] each."""
     machine = make_engine(engine, "cpu", 1)
     raster = torch.zeros(injected.shape, dtype=torch.bool)
@@ -127,7 +143,18 @@ def make_world(
     ranges = {"food": RangeSensor(30.0, to_border), "container": RangeSensor(60.0, to_border)}
     draws = Draws(0, torch.arange(trials))
     return World(
-        draws, side, free_items, food_containers, empty_containers, 2.4, 14.0, 1.0, 0.5, ranges, 70, poison_from
+        draws,
+        side,
+        free_items,
+        food_containers,
+        empty_containers,
+        2.4,
+        14.0,
+        1.0,
+        0.5,
+        ranges,
+        70,
+        poison_from,
     )
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 import torch
-from helpers import ENGINES, SURE, make_simulation, place
+from helpers import ENGINES, SURE, group_of, make_simulation, place
 from scipy import stats
 from torch import Tensor
 
@@ -24,13 +24,10 @@ def food_only(trials: int, *overrides: str) -> Simulation:
 
 
 def span(simulation: Simulation, group: str) -> slice:
-    found: slice = simulation.network.groups[group].span  # type: ignore[assignment]
-    return found
+    return group_of(simulation.network, group).span
 
 
-def currents(
-    simulation: Simulation, values: list[list[float]], touched: list[bool] | None = None
-) -> Tensor:
+def currents(simulation: Simulation, values: list[list[float]], touched: list[bool] | None = None) -> Tensor:
     """A tick's currents for the values of the left and right food sensor, [tick, B, N]."""
     felt = torch.tensor(touched or [False] * len(values))
     value = torch.tensor(values, dtype=torch.float64)
@@ -79,7 +76,9 @@ def test_only_spikes_since_the_last_tick_count() -> None:
 @pytest.mark.parametrize(
     ("left", "right", "turn"), [(3, 2, -0.434), (2, 3, 0.434), (2, 2, 0.0), (0, 0, 0.0), (0, 20, 0.434)]
 )
-def test_the_robot_turns_by_the_spikes_of_the_last_tick(left: int, right: int, turn: float, engine: str) -> None:
+def test_the_robot_turns_by_the_spikes_of_the_last_tick(
+    left: int, right: int, turn: float, engine: str
+) -> None:
     """More spikes on the left: the left wheel is faster and the robot turns to the right."""
     simulation = food_only(1)
     place(simulation.world, (50.0, 50.0), 3.0, [[1.0, 1.0]] * 20)
@@ -119,7 +118,9 @@ def test_a_range_pulse_is_the_poisson_count_of_its_neuron_times_the_gain() -> No
 
 def test_a_touch_pulse_lasts_1_ms_and_drives_only_the_trial_that_touched() -> None:
     simulation = food_only(3, "coding.touch_gain=2.25", "seed=9")
-    current = currents(simulation, [[0.0, 0.0]] * 3, [True, False, True])[:, :, span(simulation, "food_touch")]
+    current = currents(simulation, [[0.0, 0.0]] * 3, [True, False, True])[
+        :, :, span(simulation, "food_touch")
+    ]
     bits = Draws(9, torch.arange(3)).bits(stream("touch", "food_touch"), torch.tensor([0]), 20)[0]
     counts = poisson(bits, poisson_thresholds(12.0)).double()
     assert torch.equal(current[0], 2.25 * counts * torch.tensor([[1.0], [0.0], [1.0]], dtype=torch.float64))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import oracle
 import pytest
@@ -12,7 +13,10 @@ from helpers import ENGINES, SURE, forced, make_dopamine, make_group, make_netwo
 from snnrl.network import Network
 
 BASELINE, RELEASE = -0.0004, 0.0035
-close = {"rel": 1e-12, "abs": 1e-15}
+
+
+def close(level: float) -> Any:
+    return pytest.approx(level, rel=1e-12, abs=1e-15)
 
 
 def make(trials: int = 1, delay: int = 5, threshold: int = 5, tau: float = 25.0) -> Network:
@@ -33,10 +37,10 @@ def test_release_comes_exactly_delay_ms_after_the_burst_and_decays(delay: int, e
     network = make(delay=delay)
     injected = forced(network, 40, {("dopaminergic", i): [10] for i in range(8)})
     found = levels(engine, network, injected)
-    assert found[: 10 + delay] == [pytest.approx(BASELINE, **close)] * (10 + delay)
+    assert found[: 10 + delay] == [close(BASELINE)] * (10 + delay)
     for t in range(10 + delay, 40):
         released = 8 * RELEASE * math.exp(-(t - 10 - delay) / 25.0)
-        assert found[t] == pytest.approx(BASELINE + released, **close)
+        assert found[t] == close(BASELINE + released)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -44,28 +48,28 @@ def test_release_comes_exactly_delay_ms_after_the_burst_and_decays(delay: int, e
 def test_only_more_than_five_spikes_of_one_ms_release(burst: int, released: float, engine: str) -> None:
     network = make()
     injected = forced(network, 16, {("dopaminergic", i): [10] for i in range(burst)})
-    assert levels(engine, network, injected)[15] == pytest.approx(BASELINE + released, **close)
+    assert levels(engine, network, injected)[15] == close(BASELINE + released)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_without_a_threshold_one_spike_releases(engine: str) -> None:
     network = make(threshold=0)
     injected = forced(network, 16, {("dopaminergic", 4): [10]})
-    assert levels(engine, network, injected)[15] == pytest.approx(BASELINE + RELEASE, **close)
+    assert levels(engine, network, injected)[15] == close(BASELINE + RELEASE)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_spikes_of_neighbouring_ms_are_not_one_burst(engine: str) -> None:
     network = make()
     injected = forced(network, 30, {("dopaminergic", i): [10 if i < 4 else 11] for i in range(8)})
-    assert levels(engine, network, injected) == [pytest.approx(BASELINE, **close)] * 30
+    assert levels(engine, network, injected) == [close(BASELINE)] * 30
 
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_other_groups_release_nothing(engine: str) -> None:
     network = make(threshold=0)
     injected = forced(network, 30, {("others", i): [10] for i in range(3)})
-    assert levels(engine, network, injected) == [pytest.approx(BASELINE, **close)] * 30
+    assert levels(engine, network, injected) == [close(BASELINE)] * 30
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -76,7 +80,7 @@ def test_decays_to_the_baseline_from_either_side(tau: float, engine: str) -> Non
     network.dopamine.level.copy_(torch.tensor([0.05, -0.03], dtype=torch.float64))
     run(engine, network, silence(network, 137))
     for found, start in zip(network.dopamine.level.tolist(), (0.05, -0.03), strict=True):
-        assert found == pytest.approx(BASELINE + (start - BASELINE) * math.exp(-137 / tau), **close)
+        assert found == close(BASELINE + (start - BASELINE) * math.exp(-137 / tau))
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -87,7 +91,7 @@ def test_sign_acts_on_the_release_of_its_trial_only(engine: str) -> None:
     injected[:, 1] = injected[:, 0]
     run(engine, network, injected, torch.tensor([1.0, -1.0, -1.0], dtype=torch.float64))
     expected = [BASELINE + 7 * RELEASE, BASELINE - 7 * RELEASE, BASELINE]
-    assert network.dopamine.level.tolist() == [pytest.approx(level, **close) for level in expected]
+    assert network.dopamine.level.tolist() == [close(level) for level in expected]
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -98,7 +102,7 @@ def test_sign_is_that_of_the_release_not_of_the_burst(engine: str) -> None:
     plus, minus = torch.ones(1, dtype=torch.float64), -torch.ones(1, dtype=torch.float64)
     run(engine, network, injected[:13], plus)
     run(engine, network, injected[13:], minus)
-    assert float(network.dopamine.level) == pytest.approx(BASELINE - 7 * RELEASE, **close)
+    assert float(network.dopamine.level) == close(BASELINE - 7 * RELEASE)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -116,6 +120,6 @@ def test_many_bursts_follow_the_oracle(delay: int, threshold: int, engine: str) 
     assert sum(count > threshold for count in counts) > 5
     assert sum(0 < count <= threshold for count in counts) > 5
     expected = oracle.dopamine(counts, delay=delay, threshold=threshold)
-    assert level[:, 0].tolist() == [pytest.approx(value, **close) for value in expected]
+    assert level[:, 0].tolist() == [close(value) for value in expected]
     run(engine, whole, injected)
-    assert float(whole.dopamine.level) == pytest.approx(expected[-1], **close)
+    assert float(whole.dopamine.level) == close(expected[-1])

@@ -10,10 +10,12 @@ import torch
 from helpers import (
     ENGINES,
     SURE,
+    ends_of,
     make_dopamine,
     make_group,
     make_network,
     make_projection,
+    projections_of,
     run,
     run_each,
     silence,
@@ -31,7 +33,11 @@ def still_network(
     weights: dict[str, list[list[float]]], sets: dict[str, Homeostasis], trials: int = 1
 ) -> Network:
     """Plastic projections of 2 x 2 pairs, named as the weights; nothing fires, so only dampening acts."""
-    groups = [make_group("pre", 2, trials), make_group("post", 2, trials), make_group("dopaminergic", 1, trials)]
+    groups = [
+        make_group("pre", 2, trials),
+        make_group("post", 2, trials),
+        make_group("dopaminergic", 1, trials),
+    ]
     projections = [
         make_projection(name, "pre", "post", torch.tensor([rows] * trials, dtype=torch.float64))
         for name, rows in weights.items()
@@ -40,9 +46,8 @@ def still_network(
 
 
 def weights_of(network: Network, name: str) -> list[float]:
-    weight = network.projections[name].weight
-    assert isinstance(weight, Tensor)
-    return weight.tolist()
+    (weights,) = (p.weight.tolist() for p in projections_of(network) if p.name == name)
+    return list(weights)
 
 
 def one_set(*names: str, count_absent: bool = True, limit: float = 2.0, step: float = 0.1) -> Homeostasis:
@@ -73,7 +78,9 @@ def test_acts_once_a_ms_until_the_mean_is_low_enough(steps: int, engine: str) ->
     network = still_network({"p": [[3.95, 2.95], [2.95, 1.95]]}, {"s": one_set("p")})
     run(engine, network, silence(network, steps))
     lowered = 0.1 * min(steps, 10)
-    assert weights_of(network, "p") == pytest.approx([3.95 - lowered, 2.95 - lowered, 2.95 - lowered, 1.95 - lowered])
+    assert weights_of(network, "p") == pytest.approx(
+        [3.95 - lowered, 2.95 - lowered, 2.95 - lowered, 1.95 - lowered]
+    )
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -86,9 +93,13 @@ def test_no_weight_falls_below_zero(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("count_absent", "lowered"), [(True, 0.0), (False, 0.1)])
-def test_absent_synapses_count_as_zeros_or_not_at_all(count_absent: bool, lowered: float, engine: str) -> None:
+def test_absent_synapses_count_as_zeros_or_not_at_all(
+    count_absent: bool, lowered: float, engine: str
+) -> None:
     """Three synapses of 2.05 mV in four pairs: a mean of 1.54 or of 2.05."""
-    network = still_network({"p": [[2.05, NONE], [2.05, 2.05]]}, {"s": one_set("p", count_absent=count_absent)})
+    network = still_network(
+        {"p": [[2.05, NONE], [2.05, 2.05]]}, {"s": one_set("p", count_absent=count_absent)}
+    )
     run(engine, network, silence(network, 3))
     assert weights_of(network, "p") == pytest.approx([2.05 - lowered] * 3, abs=1e-12)
 
@@ -105,8 +116,17 @@ def test_the_mean_is_over_all_projections_of_the_set(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_sets_are_independent_and_the_rest_is_untouched(engine: str) -> None:
-    weights = {"free": [[3.5] * 2] * 2, "high": [[3.0] * 2] * 2, "low": [[1.0] * 2] * 2, "over": [[2.5] * 2] * 2}
-    sets = {"first": one_set("low"), "second": one_set("high"), "third": one_set("over", limit=2.45, step=0.25)}
+    weights = {
+        "free": [[3.5] * 2] * 2,
+        "high": [[3.0] * 2] * 2,
+        "low": [[1.0] * 2] * 2,
+        "over": [[2.5] * 2] * 2,
+    }
+    sets = {
+        "first": one_set("low"),
+        "second": one_set("high"),
+        "third": one_set("over", limit=2.45, step=0.25),
+    }
     network = still_network(weights, sets)
     run(engine, network, silence(network, 1))
     for name, expected in {"free": 3.5, "high": 2.9, "low": 1.0, "over": 2.25}.items():
@@ -116,8 +136,7 @@ def test_sets_are_independent_and_the_rest_is_untouched(engine: str) -> None:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_trials_are_independent(engine: str) -> None:
     network = still_network({"p": [[2.05] * 2] * 2}, {"s": one_set("p")}, trials=3)
-    weight = network.projections["p"].weight
-    assert isinstance(weight, Tensor)
+    weight = network.synapses.weight
     weight[4:8] = 1.99
     run(engine, network, silence(network, 4))
     assert weight.tolist() == pytest.approx([1.95] * 4 + [1.99] * 4 + [1.95] * 4, abs=1e-12)
@@ -174,14 +193,11 @@ def test_a_long_run_of_frequent_dampening_follows_the_oracle(
     starts = {"a": 0, "b": 5}
     synapses: dict[tuple[str, int], list[tuple[oracle.Synapse, set[int], set[int]]]] = {}
     at = 0
-    for name, projection in network.projections.items():
-        ends = zip(
-            projection.trial.tolist(), projection.pre_index.tolist(), projection.post_index.tolist(), strict=True  # type: ignore[union-attr, operator]
-        )
-        for b, i, j in ends:
-            pre, post = (starts[str(group)] for group in (projection.pre, projection.post))
+    for projection in projections_of(network):
+        for b, i, j in ends_of(projection):
+            pre, post = (starts[group] for group in (projection.pre, projection.post))
             member = (oracle.Synapse(start[at]), fired[b, pre + i], fired[b, post + j])
-            synapses.setdefault((name, b), []).append(member)
+            synapses.setdefault((projection.name, b), []).append(member)
             at += 1
     acted = {"across": 0, "within": 0}
     for t in range(steps):

@@ -11,11 +11,14 @@ from helpers import (
     ENGINES,
     EXCITATORY,
     SURE,
+    ends_of,
     forced,
+    group_of,
     make_dopamine,
     make_group,
     make_network,
     make_projection,
+    projections_of,
     run,
     run_each,
     silence,
@@ -57,11 +60,9 @@ def follow(
     engine: str, network: Network, pre: list[int], post: list[int], steps: int = STEPS
 ) -> tuple[list[float], list[float]]:
     """Eligibility and weight after every ms; the neurons fire exactly when they are told to."""
-    synapse = network.projections["plastic"]
-    watched = (synapse.eligibility, synapse.weight)
-    assert all(isinstance(tensor, Tensor) for tensor in watched)
+    (synapse,) = projections_of(network)
     injected = forced(network, steps, {("pre", 0): pre, ("post", 0): post})
-    raster, (eligibility, weight) = run_each(engine, network, injected, *watched)  # type: ignore[arg-type]
+    raster, (eligibility, weight) = run_each(engine, network, injected, synapse.eligibility, synapse.weight)
     assert spikes_of(raster, 0) == sorted(pre)
     assert spikes_of(raster, 1) == sorted(post)
     return eligibility[:, 0].tolist(), weight[:, 0].tolist()
@@ -70,7 +71,9 @@ def follow(
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("baseline", [0.004, -0.004, 0.0])
 @pytest.mark.parametrize("pattern", PATTERNS)
-def test_eligibility_and_weight_are_the_oracles_in_every_ms(pattern: str, baseline: float, engine: str) -> None:
+def test_eligibility_and_weight_are_the_oracles_in_every_ms(
+    pattern: str, baseline: float, engine: str
+) -> None:
     pre, post = PATTERNS[pattern]
     eligibility, weight = follow(engine, pair(baseline), pre, post)
     expected = oracle.synapse(pre, post, [baseline] * STEPS, 2.0)
@@ -115,7 +118,9 @@ def test_closed_form_of_depression(elapsed: int, engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("baseline", [0.4, -0.4])
-def test_weight_is_clipped_in_every_ms_and_leaves_the_bound_when_driven_back(baseline: float, engine: str) -> None:
+def test_weight_is_clipped_in_every_ms_and_leaves_the_bound_when_driven_back(
+    baseline: float, engine: str
+) -> None:
     """Potentiation drives the weight into one bound, depression at 150 ms brings it back at once."""
     pre, post = [20, 150], [21, 149]
     network, whole = pair(baseline, gain=0.0), pair(baseline, gain=0.0)
@@ -200,25 +205,27 @@ def test_every_synapse_of_a_busy_network_follows_the_oracles(gain: float, engine
     bursts = torch.rand(steps, 2, 1, generator=generator) < 0.05
     driven[:, :, 3:12] |= bursts & (torch.rand(steps, 2, 9, generator=generator) < 0.8)
     injected = SURE * driven.double()
-    weights = [p.weight.tolist() for p in each.projections.values()]  # type: ignore[union-attr, operator]
-    watched = [p.weight for p in each.projections.values()] + [p.eligibility for p in each.projections.values()]
-    raster, seen = run_each(engine, each, injected, *watched)  # type: ignore[arg-type]
+    projections = projections_of(each)
+    weights = [p.weight.tolist() for p in projections]
+    watched = [p.weight for p in projections] + [p.eligibility for p in projections]
+    raster, seen = run_each(engine, each, injected, *watched)
     levels = []
     for trial in range(2):
         counts = raster[:, trial, 3:12].sum(1).tolist()
         assert sum(count > 5 for count in counts) > 3
         levels.append(oracle.dopamine(counts))
     checked = 0
-    for p, projection in enumerate(each.projections.values()):
+    for p, projection in enumerate(projections):
         if not projection.plastic:
             assert torch.equal(seen[p][-1], seen[p][0])
             continue
-        pre, post = (each.groups[name].start for name in (projection.pre, projection.post))  # type: ignore[index]
-        for s, (trial, i, j) in enumerate(
-            zip(projection.trial.tolist(), projection.pre_index.tolist(), projection.post_index.tolist(), strict=True)  # type: ignore[union-attr, operator]
-        ):
+        pre, post = (group_of(each, name).start for name in (projection.pre, projection.post))
+        for s, (trial, i, j) in enumerate(ends_of(projection)):
             eligibility, weight = oracle.synapse(
-                spikes_of(raster, pre + i, trial), spikes_of(raster, post + j, trial), levels[trial], weights[p][s]
+                spikes_of(raster, pre + i, trial),
+                spikes_of(raster, post + j, trial),
+                levels[trial],
+                weights[p][s],
             )
             assert seen[p][:, s].tolist() == pytest.approx(weight, abs=1e-9)
             assert seen[p + 4][:, s].tolist() == pytest.approx(eligibility, abs=1e-9)
@@ -241,12 +248,13 @@ def test_a_spike_arrives_exactly_delay_ms_later(delay: int, engine: str) -> None
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_delays_of_several_projections_do_not_mix(engine: str) -> None:
-    """One neuron reaches three others after 1, 2 and 7 ms, a fourth after 2 and again after 7 ms."""
+    """One neuron reaches three others after 1, 2 and 7 ms, a fourth after 2 and after 7 ms."""
     names = {"one": 1, "two": 2, "seven": 7}
     groups = [make_group("pre", 2), *(make_group(name, 1) for name in names), make_group("both", 1)]
     strong = torch.tensor([[[SURE], [torch.nan]]], dtype=torch.float64)
     projections = [
-        make_projection(f"to {name}", "pre", name, strong, plastic=False, delay=d) for name, d in names.items()
+        make_projection(f"to {name}", "pre", name, strong, plastic=False, delay=d)
+        for name, d in names.items()
     ]
     projections += [
         make_projection(f"both {d}", "pre", "both", strong, plastic=False, delay=d) for d in (7, 2)

@@ -30,7 +30,9 @@ def drove(
     position: tuple[float, float], heading: float, wheels: tuple[float, float], seconds: float = TICK
 ) -> tuple[list[float], float]:
     """Where a robot of axle 1 cm is after one step on a torus of side 100."""
-    place, turned = drive(double(*position)[None], double(heading), double(*wheels)[None], seconds, 1.0, 100.0)
+    place, turned = drive(
+        double(*position)[None], double(heading), double(*wheels)[None], seconds, 1.0, 100.0
+    )
     return place[0].tolist(), float(turned)
 
 
@@ -55,7 +57,9 @@ def test_shortest_offset(origin: float, target: float, way: float) -> None:
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.floats(0, 299.999), st.floats(0, 299.999))
-def test_offset_leads_to_the_target_and_is_never_longer_than_half_the_side(origin: float, target: float) -> None:
+def test_offset_leads_to_the_target_and_is_never_longer_than_half_the_side(
+    origin: float, target: float
+) -> None:
     way = float(offset(double(origin), double(target), 300.0))
     assert -150.0 <= way < 150.0
     missed = (origin + way - target) / 300.0
@@ -152,8 +156,10 @@ def seen(
 def at(angle: float, distance: float, position: tuple[float, float] = (50.0, 50.0)) -> list[float]:
     """A place at an angle (degrees) and a distance from a position; exact along the axes."""
     ways = {0: (1.0, 0.0), 90: (0.0, 1.0), 180: (-1.0, 0.0), -90: (0.0, -1.0)}
-    x, y = ways.get(int(angle), (0.0, 0.0)) if angle in ways else (
-        math.cos(math.radians(angle)), math.sin(math.radians(angle))
+    x, y = (
+        ways.get(int(angle), (0.0, 0.0))
+        if angle in ways
+        else (math.cos(math.radians(angle)), math.sin(math.radians(angle)))
     )
     return [position[0] + distance * x, position[1] + distance * y]
 
@@ -161,8 +167,20 @@ def at(angle: float, distance: float, position: tuple[float, float] = (50.0, 50.
 @pytest.mark.parametrize(
     ("angle", "eyes"),
     [
-        (0, "left"), (1, "left"), (45, "left"), (89, "left"), (90, "left"), (91, ""), (135, ""),
-        (180, ""), (-135, ""), (-91, ""), (-90, "right"), (-89, "right"), (-45, "right"), (-1, "right"),
+        (0, "left"),
+        (1, "left"),
+        (45, "left"),
+        (89, "left"),
+        (90, "left"),
+        (91, ""),
+        (135, ""),
+        (180, ""),
+        (-135, ""),
+        (-91, ""),
+        (-90, "right"),
+        (-89, "right"),
+        (-45, "right"),
+        (-1, "right"),
     ],
 )
 def test_each_eye_sees_from_straight_ahead_to_90_degrees_on_its_side(angle: float, eyes: str) -> None:
@@ -177,13 +195,24 @@ def test_each_eye_sees_from_straight_ahead_to_90_degrees_on_its_side(angle: floa
 
 @pytest.mark.parametrize(
     ("distance", "value"),
-    [(0.0, 1.0), (1.0, 1.0), (2.4, 1.0), (3.9, 0.95), (17.4, 0.5), (32.0, 0.4 / 30), (32.4, 0.0), (35.0, 0.0)],
+    [
+        (0.0, 1.0),
+        (1.0, 1.0),
+        (2.4, 1.0),
+        (3.9, 0.95),
+        (17.4, 0.5),
+        (32.0, 0.4 / 30),
+        (32.4, 0.0),
+        (35.0, 0.0),
+    ],
 )
 def test_value_falls_from_the_border_of_the_object(distance: float, value: float) -> None:
     assert sum(seen([at(30, distance)])) == pytest.approx(value, abs=1e-12)
 
 
-@pytest.mark.parametrize(("distance", "value"), [(0.0, 1.0), (2.4, 0.92), (15.0, 0.5), (29.7, 0.01), (30.0, 0.0)])
+@pytest.mark.parametrize(
+    ("distance", "value"), [(0.0, 1.0), (2.4, 0.92), (15.0, 0.5), (29.7, 0.01), (30.0, 0.0)]
+)
 def test_value_falls_from_the_centre_of_the_object(distance: float, value: float) -> None:
     assert sum(seen([at(30, distance)], to_border=False)) == pytest.approx(value, abs=1e-12)
 
@@ -235,7 +264,8 @@ def test_sees_over_the_edge_of_the_torus(
 def test_a_world_without_objects_is_dark() -> None:
     world = make_world()
     assert {name: values[0].tolist() for name, values in world.sense().items()} == {
-        "food": [0.0, 0.0], "container": [0.0, 0.0]
+        "food": [0.0, 0.0],
+        "container": [0.0, 0.0],
     }
 
 
@@ -391,8 +421,13 @@ def test_a_container_moves_with_its_item_when_that_is_taken() -> None:
     world = make_world(trials=trials, food_containers=2, empty_containers=1)
     for trial in range(trials):
         place(
-            world, (50.0, 50.0), 0.0, [[99.0, 50.0], [51.0, 50.0]],
-            [[100.0, 50.0], [50.0, 60.0], [200.0, 200.0]], inside=1, trial=trial,
+            world,
+            (50.0, 50.0),
+            0.0,
+            [[99.0, 50.0], [51.0, 50.0]],
+            [[100.0, 50.0], [50.0, 60.0], [200.0, 200.0]],
+            inside=1,
+            trial=trial,
         )
     touched = world.step(torch.zeros(trials, 2, dtype=torch.float64), torch.tensor(70))
     assert touched["food"].all()
@@ -428,7 +463,9 @@ def test_a_world_starts_with_every_item_in_its_container() -> None:
     assert bool((world.inside == -1).all())
 
 
-@pytest.mark.parametrize(("poison_from", "signs"), [(None, [1, 1, 1]), (1000, [1, -1, -1]), (0, [-1, -1, -1])])
+@pytest.mark.parametrize(
+    ("poison_from", "signs"), [(None, [1, 1, 1]), (1000, [1, -1, -1]), (0, [-1, -1, -1])]
+)
 def test_items_are_poison_from_their_time_on(poison_from: int | None, signs: list[int]) -> None:
     world = make_world(trials=2, poison_from=poison_from)
     assert [world.sign(torch.tensor(time)).tolist() for time in (999, 1000, 5000)] == [[s, s] for s in signs]
@@ -458,13 +495,23 @@ FOOD_CONTAINERS = [[100.0, 100.0], [150.0, 260.0]]
 def situations() -> Simulation:
     """A simulation with one trial for each of the situations; 1 free item, 2 food and 1 empty container."""
     simulation = make_simulation(
-        "+experiment=dual_learning", f"trials={len(SITUATIONS)}", "seconds=1",
-        "world.free_items=1", "world.food_containers=2", "world.empty_containers=1", "seed=3",
+        "+experiment=dual_learning",
+        f"trials={len(SITUATIONS)}",
+        "seconds=1",
+        "world.free_items=1",
+        "world.food_containers=2",
+        "world.empty_containers=1",
+        "seed=3",
     )
     for trial, (position, heading, free, food, empty, inside, _) in enumerate(SITUATIONS.values()):
         place(
-            simulation.world, position, heading, [free, food, (152.0, 255.0)], [*FOOD_CONTAINERS, empty],
-            inside, trial,
+            simulation.world,
+            position,
+            heading,
+            [free, food, (152.0, 255.0)],
+            [*FOOD_CONTAINERS, empty],
+            inside,
+            trial,
         )
     return simulation
 
