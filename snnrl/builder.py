@@ -74,13 +74,9 @@ def build_network(
     """
     check_bounds(config, "network.")
     check_network(config, robot)
-    groups = [
-        _group(name, group, config.neurons[group.neuron], draws, dtype)
-        for name, group in config.groups.items()
-    ]
+    groups = [_group(name, group, config.neurons[group.neuron], draws, dtype) for name, group in config.groups.items()]
     projections = [
-        _projection(name, projection, config, robot, draws, dtype)
-        for name, projection in config.projections.items()
+        _projection(name, projection, config, robot, draws, dtype) for name, projection in config.projections.items()
     ]
     rule, dopamine = config.plasticity, config.dopamine
     plastic = {p.role: [] for p in projections if p.plastic}  # type: dict[str, list[str]]
@@ -119,9 +115,7 @@ def build_network(
     )
 
 
-def _group(
-    name: str, config: GroupConfig, neuron: NeuronConfig, draws: Draws, dtype: torch.dtype
-) -> NeuronGroup:
+def _group(name: str, config: GroupConfig, neuron: NeuronConfig, draws: Draws, dtype: torch.dtype) -> NeuronGroup:
     squared = draws.at_start(stream("neurons", name), config.size) ** 2
 
     def parameter(value: float, spread: float = 0.0) -> Tensor:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import cast
 
 import torch
 from torch import Tensor, nn
@@ -65,6 +65,8 @@ class Network(nn.Module):
         spike_count: int64 [B, G], spikes of each group since the start.
     """
 
+    groups: Mapping[str, NeuronGroup]
+    projections: Mapping[str, Projection]
     time: Tensor
     pending: Tensor
     spike_count: Tensor
@@ -82,9 +84,11 @@ class Network(nn.Module):
         homeostasis: Mapping[str, Homeostasis] | None = None,
     ) -> None:
         super().__init__()
-        self.groups = nn.ModuleDict({group.name: group for group in groups})
+        by_name = nn.ModuleDict({group.name: group for group in groups})
+        self.groups = cast("Mapping[str, NeuronGroup]", by_name)
         ordered = sorted(projections, key=lambda projection: not projection.plastic)
-        self.projections = nn.ModuleDict({projection.name: projection for projection in ordered})
+        by_name = nn.ModuleDict({projection.name: projection for projection in ordered})
+        self.projections = cast("Mapping[str, Projection]", by_name)
         self.plasticity, self.dopamine, self.synaptic_gain = plasticity, dopamine, synaptic_gain
         self.homeostasis = dict(homeostasis or {})
         self.draws = draws
@@ -116,8 +120,8 @@ class Network(nn.Module):
 
     def _pack(self) -> None:
         """Lay all groups and all projections in shared tensors, of which their buffers become views."""
-        groups: list[Any] = list(self.groups.values())
-        projections: list[Any] = list(self.projections.values())
+        groups = list(self.groups.values())
+        projections = list(self.projections.values())
         keys = list(NeuronTable.__annotations__)
         self.neurons = NeuronTable(**{key: torch.cat([getattr(g, key) for g in groups], 1) for key in keys})
         for group in groups:
@@ -127,7 +131,7 @@ class Network(nn.Module):
         def join(parts: list[Tensor], dtype: torch.dtype) -> Tensor:
             return torch.cat([torch.empty(0, dtype=dtype, device=self.device), *parts])
 
-        def neuron(p: Any, end: str, index: Tensor) -> Tensor:
+        def neuron(p: Projection, end: str, index: Tensor) -> Tensor:
             return p.trial * self.size + self.groups[end].start + index
 
         self.synapses = SynapseTable(
@@ -149,7 +153,7 @@ class Network(nn.Module):
         self._group_of = torch.cat(sizes)
         self._pack_sets(projections)
 
-    def _pack_sets(self, projections: list[Any]) -> None:
+    def _pack_sets(self, projections: list[Projection]) -> None:
         """Homeostatic sets as tensors: each plastic synapse's set, and each set's limit and step."""
         sets = list(self.homeostasis.values())
         # trial * K + the place of the set; B * K for a synapse that is in none
@@ -162,8 +166,8 @@ class Network(nn.Module):
                     none[span] = projection.trial * len(sets) + k
             start = span.stop
         self._set_of = none
-        values = {"dtype": torch.float64, "device": self.device}
-        self.set_limit = self._set_sizes() * torch.tensor([s.limit for s in sets], **values)
+        limits = torch.tensor([s.limit for s in sets], dtype=torch.float64, device=self.device)
+        self.set_limit = self._set_sizes() * limits
         self._set_step = torch.tensor([s.step for s in sets], dtype=self.dtype, device=self.device)
 
     def _set_sizes(self) -> Tensor:
@@ -171,7 +175,7 @@ class Network(nn.Module):
         sizes = torch.zeros(self.trials, len(self.homeostasis), dtype=torch.float64, device=self.device)
         for k, homeostasis in enumerate(self.homeostasis.values()):
             for name in homeostasis.projections:
-                projection: Any = self.projections[name]
+                projection = self.projections[name]
                 if homeostasis.count_absent:
                     sizes[:, k] += projection.shape[1] * projection.shape[2]
                 else:
@@ -220,9 +224,7 @@ class Network(nn.Module):
         slot = (time % self.slots).view(1)
         current = self.pending.index_select(1, slot)[:, 0] + background + injected
         self.pending.index_fill_(1, slot, 0.0)
-        v, u, fired = izhikevich(
-            neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d
-        )
+        v, u, fired = izhikevich(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
         neurons.v.copy_(v)
         neurons.u.copy_(u)
         neurons.last_spike.copy_(torch.where(fired, time, neurons.last_spike))

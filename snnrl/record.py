@@ -35,10 +35,9 @@ class Recorder:
     def __init__(self, simulation: Simulation, events: Path | None) -> None:
         self.simulation = simulation
         self.writer = None if events is None else SummaryWriter(str(events))
-        projections: list[Any] = list(simulation.network.projections.values())
-        self.followed = [projection for projection in projections if projection.role]
+        self.followed = [p for p in simulation.network.projections.values() if p.role]
         self.groups = list(simulation.network.groups)
-        self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])  # type: ignore[misc]
+        self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
         self._samples: dict[str, list[np.ndarray]] = {}
         self._before = self._counts()
 

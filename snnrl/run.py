@@ -1,6 +1,6 @@
 """The main job: compose, build, simulate, record, summarise.
 
-    python -m snnrl.run +experiment=NAME [robot=NAME] [trials=N] [seconds=S] [seed=K] [engine=...] [device=...]
+python -m snnrl.run +experiment=NAME [robot=NAME] [trials=N] [seconds=S] [seed=K] [engine=...] [device=...]
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class Progress:
         """`done` simulated seconds of each trial; `rate` of food per s in the last of them."""
         now = time.perf_counter()
         part = min(done / self.seconds, 1.0)
-        if self.redraws and now - self.shown < 0.2 and part < 1.0 or not self.redraws and part * 10 < self.tenth + 1:
+        due = now - self.shown > 0.2 or part == 1.0 if self.redraws else part * 10 >= self.tenth + 1
+        if not due:
             return
         self.shown, self.tenth = now, int(part * 10)
         wall = now - self.started
@@ -141,7 +142,7 @@ def discard(folder: Path) -> None:
     """Remove the run folder that Hydra has just made, and folders above it in here that are left empty."""
     shutil.rmtree(folder / ".hydra", ignore_errors=True)
     for empty in (folder, *folder.parents):
-        if Path.cwd() not in empty.parents and empty != folder or any(empty.iterdir()):
+        if (Path.cwd() not in empty.parents and empty != folder) or any(empty.iterdir()):
             return
         empty.rmdir()
 

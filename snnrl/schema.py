@@ -256,12 +256,10 @@ def _check(name: str, value: Any, bounds: Any) -> None:
         raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
     if value is None or isinstance(value, (str, list)):
         return
-    least, most, above = bounds.get("least"), bounds.get("most"), bounds.get("above")
-    if least is not None and value < least or most is not None and value > most:
-        limits = " and ".join(
-            text for bound, text in ((least, f"at least {least:g}" if least is not None else ""),
-                                     (most, f"at most {most:g}" if most is not None else "")) if bound is not None
-        )
-        raise ConfigError(name, value, f"must be {limits}")
-    if above is not None and value <= above:
-        raise ConfigError(name, value, f"must be greater than {above:g}")
+    limits = [
+        (f"at least {bounds['least']:g}", value >= bounds["least"]) if bounds.get("least") is not None else None,
+        (f"at most {bounds['most']:g}", value <= bounds["most"]) if bounds.get("most") is not None else None,
+        (f"greater than {bounds['above']:g}", value > bounds["above"]) if bounds.get("above") is not None else None,
+    ]
+    if not all(limit[1] for limit in limits if limit):
+        raise ConfigError(name, value, "must be " + " and ".join(limit[0] for limit in limits if limit))

@@ -25,9 +25,7 @@ def imports() -> dict[str, set[str]]:
 
 
 def importers(module: str) -> set[str]:
-    return {
-        path for path, names in imports().items() if any(n == module or n.startswith(f"{module}.") for n in names)
-    }
+    return {path for path, names in imports().items() if any(n == module or n.startswith(f"{module}.") for n in names)}
 
 
 def test_only_the_entry_point_and_the_configuration_know_hydra() -> None:

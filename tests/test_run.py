@@ -27,9 +27,7 @@ def run(folder: Path, *arguments: str, **environment: str) -> subprocess.Complet
 
 
 def test_a_run_leaves_everything_it_promises(tmp_path: Path) -> None:
-    done = run(
-        tmp_path, "+experiment=food_attraction", "trials=3", "trial_start=4", "seconds=30", "hydra.run.dir=here"
-    )
+    done = run(tmp_path, "+experiment=food_attraction", "trials=3", "trial_start=4", "seconds=30", "hydra.run.dir=here")
     assert done.returncode == 0, done.stderr
     assert "30 of 30 s" in done.stderr
     assert "x real time" in done.stderr

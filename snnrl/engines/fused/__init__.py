@@ -5,8 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 from pathlib import Path
+from typing import Any
 
-import numba
+from numba.core import config as numba_config
+
+config: Any = numba_config
 
 
 def _cache_dir() -> str:
@@ -18,14 +21,14 @@ def _cache_dir() -> str:
     sources = sorted(Path(__file__).parent.glob("*.py"))
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return str(Path(numba.config.CACHE_DIR or home / "snnrl") / digest)
+    return str(Path(config.CACHE_DIR or home / "snnrl") / digest)
 
 
-_user_cache_dir = numba.config.CACHE_DIR
-numba.config.CACHE_DIR = _cache_dir()
+_user_cache_dir = config.CACHE_DIR
+config.CACHE_DIR = _cache_dir()
 try:
     from snnrl.engines.fused.engine import FusedEngine
 finally:
-    numba.config.CACHE_DIR = _user_cache_dir
+    config.CACHE_DIR = _user_cache_dir
 
 __all__ = ["FusedEngine"]

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -21,7 +22,7 @@ from snnrl.network import Network
 from snnrl.neurons import PEAK
 from snnrl.random import poisson_table_size, stream
 from snnrl.schema import ConfigError
-from snnrl.synapses import Projection, stdp
+from snnrl.synapses import stdp
 from snnrl.world import TOUCHES, World
 
 FORGOTTEN = 100  # in units of tau: older pairs add less than 1e-43 of their amplitude
@@ -78,7 +79,7 @@ class FusedEngine:
             return
         parts = min(trials, self.threads * PARTS)
         edges = [trials * k // parts for k in range(parts + 1)]
-        for done in [self._pool.submit(part, *edge) for edge in zip(edges, edges[1:], strict=False)]:
+        for done in [self._pool.submit(part, *edge) for edge in pairwise(edges)]:
             done.result()
 
     def _network(self, network: Network) -> NetworkArrays:
@@ -98,9 +99,7 @@ class FusedEngine:
         }
         for key in ("v", "u", "a", "b", "c", "d", "last_spike"):
             state[key] = getattr(neurons, key)
-        return NetworkArrays(
-            **{key: tensor.numpy() for key, tensor in state.items()}, **self._topologies[network]
-        )
+        return NetworkArrays(**{key: tensor.numpy() for key, tensor in state.items()}, **self._topologies[network])
 
 
 def _raster(raster: Tensor | None, network: Network) -> Any:
@@ -113,8 +112,7 @@ def _raster(raster: Tensor | None, network: Network) -> Any:
 def _topology(network: Network) -> dict[str, Any]:
     """Everything about a network that does not change while it runs."""
     real = network.pending.numpy().dtype
-    groups: list[Any] = list(network.groups.values())
-    projections: list[Projection] = list(network.projections.values())  # type: ignore[arg-type]
+    groups, projections = list(network.groups.values()), list(network.projections.values())
     place = {group.name: k for k, group in enumerate(groups)}
     sets = [set(item.projections) for item in network.homeostasis.values()]
     rows, columns, incoming, described = [], [], [], []
@@ -149,9 +147,7 @@ def _topology(network: Network) -> dict[str, Any]:
         "rows": _joined([*rows, [first_synapse]], np.int64),
         "columns": _joined([*columns, [first_incoming]], np.int64),
         "incoming": _joined(incoming, np.int32),
-        "groups": np.array(
-            [(g.size, g.start, stream("background", g.name), g.noise != 0.0) for g in groups], np.int64
-        ),
+        "groups": np.array([(g.size, g.start, stream("background", g.name), g.noise != 0.0) for g in groups], np.int64),
         "group_of": np.repeat(np.arange(len(groups)), [group.size for group in groups]),
         "background": np.array([(group.current, group.noise) for group in groups], real),
         "projections": np.array(described, np.int64).reshape(-1, 6),

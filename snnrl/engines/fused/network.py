@@ -252,7 +252,7 @@ def dampen(net, work, trial, drive, positive):
 @njit(forceinline=True)
 def pair_spikes(net, work, trial, time, found, before, fading, positive):
     """Step 4: what this ms's spikes add to eligibilities; weights are settled first (up to `before`)."""
-    state, limit = work.state, net.constants[8]
+    limit = net.constants[8]
     zero = limit - limit
     inverse = net.fading[0] / fading
     last = net.last_spike[trial]
