@@ -16,7 +16,9 @@ from snnrl.schema import (
     CodingConfig,
     Config,
     ConfigError,
+    DopamineConfig,
     GroupConfig,
+    HomeostasisConfig,
     NetworkConfig,
     NeuronConfig,
     ProjectionConfig,
@@ -78,20 +80,7 @@ def build_network(
     projections = [
         _projection(name, projection, config, robot, draws, dtype) for name, projection in config.projections.items()
     ]
-    rule, dopamine = config.plasticity, config.dopamine
-    plastic = {p.role: [] for p in projections if p.plastic}  # type: dict[str, list[str]]
-    for projection in projections:
-        if projection.plastic:
-            plastic[projection.role].append(projection.name)
-    sets = {
-        name: Homeostasis(
-            tuple(p for role in roles for p in plastic.get(role, [])),
-            config.homeostasis.limit,
-            config.homeostasis.step,
-            config.homeostasis.count_absent,
-        )
-        for name, roles in config.homeostasis.sets.items()
-    }
+    rule = config.plasticity
     return Network(
         groups,
         projections,
@@ -100,19 +89,35 @@ def build_network(
         Plasticity(
             rule.potentiation, rule.depression, rule.tau_plus, rule.tau_minus, rule.tau_eligibility, rule.weight_max
         ),
-        Dopamine(
-            dopamine.source,
-            len(draws.trials),
-            dopamine.baseline,
-            dopamine.tau,
-            dopamine.release,
-            dopamine.delay,
-            dopamine.threshold,
-            dtype,
-            draws.trials.device,
-        ),
-        {name: item for name, item in sets.items() if item.projections},
+        None if config.dopamine is None else _dopamine(config.dopamine, draws, dtype),
+        {} if config.homeostasis is None else _homeostasis(config.homeostasis, projections),
     )
+
+
+def _dopamine(config: DopamineConfig, draws: Draws, dtype: torch.dtype) -> Dopamine:
+    return Dopamine(
+        config.source,
+        len(draws.trials),
+        config.baseline,
+        config.tau,
+        config.release,
+        config.delay,
+        config.threshold,
+        dtype,
+        draws.trials.device,
+    )
+
+
+def _homeostasis(config: HomeostasisConfig, projections: list[Projection]) -> dict[str, Homeostasis]:
+    """The sets that have plastic projections in them."""
+    members = {
+        name: tuple(p.name for p in projections if p.plastic and p.role in roles) for name, roles in config.sets.items()
+    }
+    return {
+        name: Homeostasis(names, config.limit, config.step, config.count_absent)
+        for name, names in members.items()
+        if names
+    }
 
 
 def _group(name: str, config: GroupConfig, neuron: NeuronConfig, draws: Draws, dtype: torch.dtype) -> NeuronGroup:
@@ -215,10 +220,11 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
         if kind.plastic and not (0 <= kind.weight <= largest and 0 <= kind.weight + kind.spread <= largest):
             reach = f"{kind.weight:g} to {kind.weight + kind.spread:g}"
             raise ConfigError(f"network.synapses.{name}.weight", reach, f"plastic weights are in [0, {largest:g}]")
-    _one_of("network.dopamine.source", config.dopamine.source, config.groups)
+    if config.dopamine is not None:
+        _one_of("network.dopamine.source", config.dopamine.source, config.groups)
     roles = sorted({projection.role for projection in config.projections.values()} - {""})
     used: dict[str, str] = {}
-    for name, members in config.homeostasis.sets.items():
+    for name, members in ({} if config.homeostasis is None else config.homeostasis.sets).items():
         for role in members:
             key = f"network.homeostasis.sets.{name}"
             _one_of(key, role, roles)

@@ -116,7 +116,7 @@ class HomeostasisConfig:
 
 @dataclass
 class NetworkConfig:
-    """A whole network; any number of groups and projections."""
+    """A whole network; any number of groups and projections, with or without dopamine and homeostasis."""
 
     neurons: dict[str, NeuronConfig] = table()
     synapses: dict[str, SynapseConfig] = table()
@@ -124,8 +124,8 @@ class NetworkConfig:
     projections: dict[str, ProjectionConfig] = table()
     synaptic_gain: float = number(least=0.0)
     plasticity: PlasticityConfig = field(default_factory=PlasticityConfig)
-    dopamine: DopamineConfig = field(default_factory=DopamineConfig)
-    homeostasis: HomeostasisConfig = field(default_factory=HomeostasisConfig)
+    dopamine: DopamineConfig | None = None
+    homeostasis: HomeostasisConfig | None = None
 
 
 @dataclass
@@ -257,9 +257,9 @@ def _check(name: str, value: Any, bounds: Any) -> None:
     if value is None or isinstance(value, (str, list)):
         return
     limits = [
+        (f"greater than {bounds['above']:g}", value > bounds["above"]) if bounds.get("above") is not None else None,
         (f"at least {bounds['least']:g}", value >= bounds["least"]) if bounds.get("least") is not None else None,
         (f"at most {bounds['most']:g}", value <= bounds["most"]) if bounds.get("most") is not None else None,
-        (f"greater than {bounds['above']:g}", value > bounds["above"]) if bounds.get("above") is not None else None,
     ]
     if not all(limit[1] for limit in limits if limit):
         raise ConfigError(name, value, "must be " + " and ".join(limit[0] for limit in limits if limit))

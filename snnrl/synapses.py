@@ -84,7 +84,7 @@ class Projection(nn.Module):
         """Weights (or other values [S]) as a sparse COO tensor [B, n_pre, n_post]; a copy, not a view."""
         indices = torch.stack([self.trial, self.pre_index, self.post_index])
         values = self.weight if values is None else values
-        return torch.sparse_coo_tensor(indices, values.clone(), self.shape, is_coalesced=True)
+        return torch.sparse_coo_tensor(indices, values.clone(), self.shape, check_invariants=True, is_coalesced=True)
 
     def mean_weight(self) -> Tensor:
         """Mean weight of each trial (mV), [B] float64, absent synapses counted as zeros (thesis 4.2)."""

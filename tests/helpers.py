@@ -94,9 +94,7 @@ def silence(network: Network, steps: int) -> Tensor:
     return torch.zeros(steps, network.trials, network.size, dtype=network.dtype)
 
 
-def forced(
-    network: Network, steps: int, spikes: Mapping[tuple[str, int], Sequence[int]], trial: int = 0
-) -> Tensor:
+def forced(network: Network, steps: int, spikes: Mapping[tuple[str, int], Sequence[int]], trial: int = 0) -> Tensor:
     """Injected current [steps, B, N] that makes neuron (group, index) fire at the given times (ms)."""
     injected = silence(network, steps)
     for (group, index), times in spikes.items():
@@ -111,9 +109,7 @@ def run(engine: str, network: Network, injected: Tensor, sign: Tensor | None = N
     return raster
 
 
-def run_each(
-    engine: str, network: Network, injected: Tensor, *watched: Tensor
-) -> tuple[Tensor, list[Tensor]]:
+def run_each(engine: str, network: Network, injected: Tensor, *watched: Tensor) -> tuple[Tensor, list[Tensor]]:
     """Run ms by ms; who fired, and the watched tensors after every ms, [T, ...] each."""
     machine = make_engine(engine, "cpu", 1)
     raster = torch.zeros(injected.shape, dtype=torch.bool)

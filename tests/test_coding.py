@@ -76,9 +76,7 @@ def test_only_spikes_since_the_last_tick_count() -> None:
 @pytest.mark.parametrize(
     ("left", "right", "turn"), [(3, 2, -0.434), (2, 3, 0.434), (2, 2, 0.0), (0, 0, 0.0), (0, 20, 0.434)]
 )
-def test_the_robot_turns_by_the_spikes_of_the_last_tick(
-    left: int, right: int, turn: float, engine: str
-) -> None:
+def test_the_robot_turns_by_the_spikes_of_the_last_tick(left: int, right: int, turn: float, engine: str) -> None:
     """More spikes on the left: the left wheel is faster and the robot turns to the right."""
     simulation = food_only(1)
     place(simulation.world, (50.0, 50.0), 3.0, [[1.0, 1.0]] * 20)
@@ -118,9 +116,7 @@ def test_a_range_pulse_is_the_poisson_count_of_its_neuron_times_the_gain() -> No
 
 def test_a_touch_pulse_lasts_1_ms_and_drives_only_the_trial_that_touched() -> None:
     simulation = food_only(3, "coding.touch_gain=2.25", "seed=9")
-    current = currents(simulation, [[0.0, 0.0]] * 3, [True, False, True])[
-        :, :, span(simulation, "food_touch")
-    ]
+    current = currents(simulation, [[0.0, 0.0]] * 3, [True, False, True])[:, :, span(simulation, "food_touch")]
     bits = Draws(9, torch.arange(3)).bits(stream("touch", "food_touch"), torch.tensor([0]), 20)[0]
     counts = poisson(bits, poisson_thresholds(12.0)).double()
     assert torch.equal(current[0], 2.25 * counts * torch.tensor([[1.0], [0.0], [1.0]], dtype=torch.float64))
@@ -178,3 +174,17 @@ def test_engines_agree_on_a_tick_with_every_kind_of_current(tick: int) -> None:
     assert int(rasters[0].sum()) > 100
     for key, value in states[0].items():
         assert torch.allclose(value.double(), states[1][key].double(), rtol=0, atol=1e-9), key
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("poison", "sign"), [("null", 1), ("0.07", 1), ("0", -1)])
+def test_a_burst_lowers_dopamine_in_ticks_with_poison(poison: str, sign: int, engine: str) -> None:
+    """A burst of 20, released in the first ms, has decayed for 69 ms at the end of the tick."""
+    calm = "network.groups.dopaminergic.current=0"  # else all of them fire once, from the initial state
+    simulation = food_only(1, f"world.poison_from={poison}", calm)
+    dopamine = simulation.network.dopamine
+    assert dopamine is not None
+    dopamine.released[0, 0] = 20
+    make_engine(engine, "cpu", 1).run(simulation, 1)
+    expected = dopamine.baseline + sign * 20 * dopamine.release * math.exp(-69 / dopamine.tau)
+    assert float(dopamine.level) == pytest.approx(expected, rel=1e-9)

@@ -205,8 +205,10 @@ def test_state_dict_carries_delay_lines() -> None:
 
 
 def test_modules_keep_sharing_memory_with_the_tables_after_copies_and_casts() -> None:
-    run = copy.deepcopy(simulation("+experiment=food_attraction", "trials=2")).double()
-    make_engine("fused", "cpu").run(run, 20)
+    run = copy.deepcopy(simulation("+experiment=food_attraction", "trials=2"))
+    chosen = make_engine("fused", "cpu")
+    chosen.run(run, 20)
+    chosen.run(run.double(), 20)
     network = run.network
     assert network.neurons.v.dtype == run.world.position.dtype == torch.float64
     for group in network.groups.values():

@@ -29,9 +29,7 @@ from snnrl.network import Network
 NONE = math.nan  # a pair that is not joined
 
 
-def still_network(
-    weights: dict[str, list[list[float]]], sets: dict[str, Homeostasis], trials: int = 1
-) -> Network:
+def still_network(weights: dict[str, list[list[float]]], sets: dict[str, Homeostasis], trials: int = 1) -> Network:
     """Plastic projections of 2 x 2 pairs, named as the weights; nothing fires, so only dampening acts."""
     groups = [
         make_group("pre", 2, trials),
@@ -58,9 +56,7 @@ def one_set(*names: str, count_absent: bool = True, limit: float = 2.0, step: fl
 @pytest.mark.parametrize(
     ("mean", "lowered"), [(1.9, 0.0), (2.0 - 1e-6, 0.0), (2.0, 0.0), (2.0 + 1e-6, 0.1), (2.05, 0.1)]
 )
-def test_only_a_mean_above_the_limit_is_lowered_by_exactly_the_step(
-    mean: float, lowered: float, engine: str
-) -> None:
+def test_only_a_mean_above_the_limit_is_lowered_by_exactly_the_step(mean: float, lowered: float, engine: str) -> None:
     spread = [0.5, -0.25, 1.0, -1.25]  # adds up to nothing, exactly
     rows = [[mean + spread[0], mean + spread[1]], [mean + spread[2], mean + spread[3]]]
     network = still_network({"p": rows}, {"s": one_set("p")})
@@ -78,9 +74,7 @@ def test_acts_once_a_ms_until_the_mean_is_low_enough(steps: int, engine: str) ->
     network = still_network({"p": [[3.95, 2.95], [2.95, 1.95]]}, {"s": one_set("p")})
     run(engine, network, silence(network, steps))
     lowered = 0.1 * min(steps, 10)
-    assert weights_of(network, "p") == pytest.approx(
-        [3.95 - lowered, 2.95 - lowered, 2.95 - lowered, 1.95 - lowered]
-    )
+    assert weights_of(network, "p") == pytest.approx([3.95 - lowered, 2.95 - lowered, 2.95 - lowered, 1.95 - lowered])
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -93,13 +87,9 @@ def test_no_weight_falls_below_zero(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("count_absent", "lowered"), [(True, 0.0), (False, 0.1)])
-def test_absent_synapses_count_as_zeros_or_not_at_all(
-    count_absent: bool, lowered: float, engine: str
-) -> None:
+def test_absent_synapses_count_as_zeros_or_not_at_all(count_absent: bool, lowered: float, engine: str) -> None:
     """Three synapses of 2.05 mV in four pairs: a mean of 1.54 or of 2.05."""
-    network = still_network(
-        {"p": [[2.05, NONE], [2.05, 2.05]]}, {"s": one_set("p", count_absent=count_absent)}
-    )
+    network = still_network({"p": [[2.05, NONE], [2.05, 2.05]]}, {"s": one_set("p", count_absent=count_absent)})
     run(engine, network, silence(network, 3))
     assert weights_of(network, "p") == pytest.approx([2.05 - lowered] * 3, abs=1e-12)
 

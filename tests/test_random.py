@@ -46,9 +46,7 @@ def test_philox_gives_the_known_answers(counter: str, key: str, answer: str) -> 
 
 @pytest.mark.parametrize(("counter", "key", "answer"), KNOWN)
 @pytest.mark.parametrize("word", range(4))
-def test_compiled_bits_are_the_top_of_the_known_answers(
-    counter: str, key: str, answer: str, word: int
-) -> None:
+def test_compiled_bits_are_the_top_of_the_known_answers(counter: str, key: str, answer: str, word: int) -> None:
     """Counter words are index, time / 4, stream and trial; the time's remainder chooses the word."""
     index, time, name, trial = words(counter)
     bits = compiled.bits(np.uint64(seed_of(key)), name, trial, 4 * time + word, index)

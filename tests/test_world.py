@@ -30,9 +30,7 @@ def drove(
     position: tuple[float, float], heading: float, wheels: tuple[float, float], seconds: float = TICK
 ) -> tuple[list[float], float]:
     """Where a robot of axle 1 cm is after one step on a torus of side 100."""
-    place, turned = drive(
-        double(*position)[None], double(heading), double(*wheels)[None], seconds, 1.0, 100.0
-    )
+    place, turned = drive(double(*position)[None], double(heading), double(*wheels)[None], seconds, 1.0, 100.0)
     return place[0].tolist(), float(turned)
 
 
@@ -57,9 +55,7 @@ def test_shortest_offset(origin: float, target: float, way: float) -> None:
 
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.floats(0, 299.999), st.floats(0, 299.999))
-def test_offset_leads_to_the_target_and_is_never_longer_than_half_the_side(
-    origin: float, target: float
-) -> None:
+def test_offset_leads_to_the_target_and_is_never_longer_than_half_the_side(origin: float, target: float) -> None:
     way = float(offset(double(origin), double(target), 300.0))
     assert -150.0 <= way < 150.0
     missed = (origin + way - target) / 300.0
@@ -210,9 +206,7 @@ def test_value_falls_from_the_border_of_the_object(distance: float, value: float
     assert sum(seen([at(30, distance)])) == pytest.approx(value, abs=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("distance", "value"), [(0.0, 1.0), (2.4, 0.92), (15.0, 0.5), (29.7, 0.01), (30.0, 0.0)]
-)
+@pytest.mark.parametrize(("distance", "value"), [(0.0, 1.0), (2.4, 0.92), (15.0, 0.5), (29.7, 0.01), (30.0, 0.0)])
 def test_value_falls_from_the_centre_of_the_object(distance: float, value: float) -> None:
     assert sum(seen([at(30, distance)], to_border=False)) == pytest.approx(value, abs=1e-12)
 
@@ -280,9 +274,7 @@ def test_a_world_without_objects_is_dark() -> None:
         ((299.0, 50.0), 2.400001, False),
     ],
 )
-def test_an_item_is_taken_at_less_than_its_radius(
-    origin: tuple[float, float], distance: float, taken: bool
-) -> None:
+def test_an_item_is_taken_at_less_than_its_radius(origin: tuple[float, float], distance: float, taken: bool) -> None:
     world = make_world(trials=2, free_items=2)
     for trial in range(2):
         place(world, origin, 0.0, [[(origin[0] + distance) % 300, origin[1]], [150.0, 150.0]], trial=trial)
@@ -463,9 +455,7 @@ def test_a_world_starts_with_every_item_in_its_container() -> None:
     assert bool((world.inside == -1).all())
 
 
-@pytest.mark.parametrize(
-    ("poison_from", "signs"), [(None, [1, 1, 1]), (1000, [1, -1, -1]), (0, [-1, -1, -1])]
-)
+@pytest.mark.parametrize(("poison_from", "signs"), [(None, [1, 1, 1]), (1000, [1, -1, -1]), (0, [-1, -1, -1])])
 def test_items_are_poison_from_their_time_on(poison_from: int | None, signs: list[int]) -> None:
     world = make_world(trials=2, poison_from=poison_from)
     assert [world.sign(torch.tensor(time)).tolist() for time in (999, 1000, 5000)] == [[s, s] for s in signs]

@@ -9,7 +9,7 @@ from torch import Tensor
 
 
 def offset(origin: Tensor, target: Tensor, side: float) -> Tensor:
-    """Shortest way from origin to target, both in [0, side); each component in [-side/2, side/2)."""
+    """Shortest way from origin to target, both in [0, side]; each component in [-side/2, side/2)."""
     way = target - origin
     way = torch.where(way >= 0.5 * side, way - side, way)
     return torch.where(way < -0.5 * side, way + side, way)

@@ -79,7 +79,7 @@ class World(nn.Module):
         self.register_buffer("heading", 2.0 * torch.pi * robot[:, 2])
         self.register_buffer("items", items)
         empty = side * draws.at_start(stream("empty containers"), 2 * empty_containers)
-        self.register_buffer("containers", torch.cat([containers, empty.view(len(robot), -1, 2)], 1))
+        self.register_buffer("containers", torch.cat([containers, empty.view(len(robot), empty_containers, 2)], 1))
         self.register_buffer("inside", torch.full_like(draws.trials, OUTSIDE))
         self.register_buffer("touches", self.inside.new_zeros(len(robot), len(TOUCHES)))
 
@@ -94,7 +94,7 @@ class World(nn.Module):
     def _places(self, time: Tensor) -> tuple[Tensor, Tensor]:
         """Fresh places at `time` [1] for every item [B, M, 2] and every food container [B, C, 2]."""
         count = self.free_items + self.food_containers
-        uniform = self.draws.uniform(stream("items"), time, 4 * count)[0].view(-1, count, 4)
+        uniform = self.draws.uniform(stream("items"), time, 4 * count)[0].view(len(self.draws.trials), count, 4)
         place = self.side * uniform[..., :2]
         containers = place[:, self.free_items :]
         within = in_disc(self.container_radius, uniform[:, self.free_items :, 2:])

@@ -18,7 +18,7 @@ from snnrl.coding import Coding
 from snnrl.engines.fused.network import BLOCK, NetworkArrays, run_network
 from snnrl.engines.fused.world import CodingArrays, WorldArrays, run_ticks
 from snnrl.loop import Simulation
-from snnrl.network import Network
+from snnrl.network import Network, SynapseTable
 from snnrl.neurons import PEAK
 from snnrl.random import poisson_table_size, stream
 from snnrl.schema import ConfigError
@@ -41,7 +41,7 @@ class FusedEngine:
     def __init__(self, threads: int = 0) -> None:
         self.threads = threads or len(os.sched_getaffinity(0))
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
-        self._topologies: WeakKeyDictionary[Network, dict[str, Any]] = WeakKeyDictionary()
+        self._topologies: WeakKeyDictionary[Network, tuple[SynapseTable, dict[str, Any]]] = WeakKeyDictionary()
 
     def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.Engine`."""
@@ -85,8 +85,9 @@ class FusedEngine:
     def _network(self, network: Network) -> NetworkArrays:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
-        if network not in self._topologies:
-            self._topologies[network] = _topology(network)
+        known = self._topologies.get(network)
+        if known is None or known[0] is not network.synapses:  # new tables where the network was moved or cast
+            known = self._topologies[network] = (network.synapses, _topology(network))
         neurons, synapses, dopamine = network.neurons, network.synapses, network.dopamine
         state = {
             "pending": network.pending,
@@ -99,7 +100,7 @@ class FusedEngine:
         }
         for key in ("v", "u", "a", "b", "c", "d", "last_spike"):
             state[key] = getattr(neurons, key)
-        return NetworkArrays(**{key: tensor.numpy() for key, tensor in state.items()}, **self._topologies[network])
+        return NetworkArrays(**{key: tensor.numpy() for key, tensor in state.items()}, **known[1])
 
 
 def _raster(raster: Tensor | None, network: Network) -> Any:
