@@ -39,7 +39,7 @@ class FusedEngine:
     name = "fused"
 
     def __init__(self, threads: int = 0) -> None:
-        self.threads = threads or len(os.sched_getaffinity(0))
+        self.threads = threads or _processors()
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
         self._topologies: WeakKeyDictionary[Network, tuple[SynapseTable, dict[str, Any]]] = WeakKeyDictionary()
 
@@ -101,6 +101,11 @@ class FusedEngine:
         for key in ("v", "u", "a", "b", "c", "d", "last_spike"):
             state[key] = getattr(neurons, key)
         return NetworkArrays(**{key: tensor.numpy() for key, tensor in state.items()}, **known[1])
+
+
+def _processors() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _raster(raster: Tensor | None, network: Network) -> Any:
