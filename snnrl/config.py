@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import hydra
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -18,6 +19,12 @@ def conf_dir() -> str:
     here = Path(__file__).resolve().parent
     installed = here / "conf"
     return str(installed if installed.is_dir() else here.parent / "conf")
+
+
+def compose(*overrides: str) -> Config:
+    """The configuration that the command line `python -m snnrl.run OVERRIDES` would get."""
+    with hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
+        return plain(hydra.compose("config", overrides=list(overrides)))
 
 
 def plain(config: DictConfig) -> Config:

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import torch
-from hydra import compose, initialize_config_dir
 from torch import Tensor
 
 from snnrl.builder import build
-from snnrl.config import conf_dir, plain
+from snnrl.config import compose as compose_config
 from snnrl.engines import make_engine
 from snnrl.homeostasis import Homeostasis
 from snnrl.loop import Simulation
@@ -18,7 +17,6 @@ from snnrl.modulators import Dopamine
 from snnrl.network import Network
 from snnrl.neurons import NeuronGroup
 from snnrl.random import Draws
-from snnrl.schema import Config
 from snnrl.synapses import Plasticity, Projection
 from snnrl.world import RangeSensor, World
 
@@ -169,12 +167,6 @@ def place(
     world.items[trial] = torch.tensor(items, dtype=torch.float64).view(-1, 2)
     world.containers[trial] = torch.tensor(containers, dtype=torch.float64).view(-1, 2)
     world.inside[trial] = inside
-
-
-def compose_config(*overrides: str) -> Config:
-    """The configuration that the command line would get from these overrides."""
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        return plain(compose("config", overrides=list(overrides)))
 
 
 def make_simulation(*overrides: str) -> Simulation:

@@ -28,8 +28,9 @@ def importers(module: str) -> set[str]:
     return {path for path, names in imports().items() if any(n == module or n.startswith(f"{module}.") for n in names)}
 
 
-def test_only_the_entry_point_and_the_configuration_know_hydra() -> None:
+def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
     assert importers("hydra") == {"run.py", "config.py"}
+    assert importers("optuna") == {"calibrate.py"}
     assert importers("omegaconf") == {"run.py", "config.py", "schema.py"}
 
 

@@ -16,10 +16,9 @@ import statistics
 import time
 
 import torch
-from hydra import compose, initialize_config_dir
 
 from snnrl.builder import build
-from snnrl.config import conf_dir, plain
+from snnrl.config import compose
 from snnrl.engines import Engine, make_engine
 from snnrl.loop import Simulation
 
@@ -29,9 +28,7 @@ REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 
 def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
     """A batch of robots that have learnt for `warm_up` simulated seconds."""
-    with initialize_config_dir(conf_dir(), version_base="1.3"):
-        config = plain(compose("config", overrides=[f"+experiment={ROBOTS[robot]}", f"trials={trials}"]))
-    simulation = build(config)
+    simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}"))
     make_engine("fused", "cpu").run(simulation, ticks(simulation, warm_up))
     return simulation
 

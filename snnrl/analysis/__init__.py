@@ -1,1 +1,5 @@
-"""What runs mean: correctness criteria and summaries."""
+"""What runs mean: correctness criteria and published values."""
+
+from pathlib import Path
+
+PUBLISHED = Path(__file__).with_name("published.yaml")

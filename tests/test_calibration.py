@@ -1,0 +1,61 @@
+"""Distances to the published cells, in closed form."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+import yaml
+from helpers import compose_config
+
+from snnrl.analysis import PUBLISHED
+from snnrl.builder import build
+from snnrl.calibrate import CONTAINERS, FREE, contrast, fraction_distance, loss, mean_distance, present
+
+
+def test_a_difference_of_means_in_standard_errors() -> None:
+    ours = torch.tensor([10.0, 14.0, 12.0, 16.0], dtype=torch.float64)  # mean 13, variance 20 / 3
+    error = math.sqrt(20 / 3 / 4 + 5.0**2 / 50)
+    assert mean_distance(ours, {"mean": 11.0, "sd": 5.0}, 50) == pytest.approx(2.0 / error)
+
+
+def test_a_difference_of_fractions_in_standard_errors() -> None:
+    ours = torch.tensor([True] * 6 + [False] * 2)
+    p, q = 8 / 12, 27 / 54
+    error = math.sqrt(p * (1 - p) / 12 + q * (1 - q) / 54)
+    assert fraction_distance(ours, 0.5, 50) == pytest.approx((p - q) / error)
+    assert abs(fraction_distance(torch.ones(50, dtype=torch.bool), 1.0, 50)) < 1e-12
+
+
+def test_no_cell_decides_alone() -> None:
+    assert loss({"a": 3.0, "b": -4.0}) == pytest.approx(math.sqrt(12.5))
+    assert loss({"a": 0.0, "b": -1000.0}) == pytest.approx(math.sqrt(50))
+
+
+def test_the_study_starts_from_the_values_in_conf() -> None:
+    values = present()
+    assert set(values) == {*FREE, CONTAINERS}
+    assert values["coding.range_gain"] == compose_config("+experiment=food_attraction").coding.range_gain
+
+
+def test_every_published_cell_is_an_experiment_with_that_robot() -> None:
+    published = yaml.safe_load(PUBLISHED.read_text())
+    for kind in ("food", "correct", "contrast"):
+        for experiment, robots in published[kind].items():
+            config = compose_config(f"+experiment={experiment}")
+            assert set(robots) <= set(config.experiment.robots)
+            assert config.trials == published["trials"]
+            if kind == "correct":
+                assert config.experiment.correct
+
+
+def test_contrast_of_the_two_container_touches() -> None:
+    run = build(compose_config("+experiment=secondary_stimulus", "trials=2"))
+    for kind, weights in (("food", (2.0, 2.0)), ("empty", (0.4, 0.6))):
+        projection = run.network.projections[f"{kind}_container_touch_to_dopaminergic"]
+        for trial, weight in enumerate(weights):
+            mine = projection.trial == trial
+            projection.weight[mine] = weight * 800 / int(mine.sum())
+    assert contrast(run, 4.0).tolist() == [True, False]
+    assert contrast(run, 1.0).tolist() == [True, True]
