@@ -47,7 +47,10 @@ def build(config: Config) -> Simulation:
     draws = Draws(config.seed, trials)
     network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
     coding = build_coding(config.coding, network)
-    return Simulation(network, coding, build_world(config.world, config.coding.tick, draws))
+    world = build_world(config.world, config.coding.tick, draws)
+    if config.world.orbiting:
+        world.start_orbiting(config.coding.slow, config.coding.fast)
+    return Simulation(network, coding, world)
 
 
 def torch_device(name: str) -> torch.device:
@@ -259,6 +262,8 @@ def check_contradictions(config: Config) -> None:
     for name, group in coding.touches.items():
         _one_of("coding.touches", name, TOUCHES)
         _one_of(f"coding.touches.{name}", group, groups)
+    if world.orbiting and not (world.free_items and coding.slow < coding.fast):
+        raise ConfigError("world.orbiting", True, "needs world.free_items of at least 1 and coding.slow < coding.fast")
     for name, eye in world.ranges.items():
         _one_of("world.ranges", name, ("food", "container"))
         radius = world.item_radius if name == "food" else world.container_radius

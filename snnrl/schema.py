@@ -175,6 +175,7 @@ class WorldConfig:
     container_speed: float = number(above=0.0)
     ranges: dict[str, SensorConfig] = table()
     poison_from: float | None = number(None, least=0.0)  # s
+    orbiting: bool = False  # robots start on an orbit round the first item
 
 
 @dataclass

@@ -32,6 +32,15 @@ def drive(
     return torch.remainder(position + step, side), torch.remainder(turned, 2.0 * math.pi)
 
 
+def orbit(slow: float, fast: float, seconds: float, axle: float) -> tuple[float, float]:
+    """The regular polygon that a robot drives with its wheels at two constant speeds (cm/s).
+
+    Returns the distance of the corners from the centre (cm) and the turn at each corner (rad).
+    """
+    turn = (fast - slow) / axle * seconds
+    return 0.25 * (slow + fast) * seconds / math.sin(0.5 * turn), turn
+
+
 def in_disc(radius: float, uniform: Tensor) -> Tensor:
     """Uniform points of a disc round the origin from two uniform numbers, [..., 2] to [..., 2]."""
     distance = radius * torch.sqrt(uniform[..., 0])

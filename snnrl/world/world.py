@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from snnrl.random import Draws, stream
-from snnrl.world.geometry import drive, in_disc, offset
+from snnrl.world.geometry import drive, in_disc, offset, orbit
 from snnrl.world.sensors import RangeSensor, sense
 
 TOUCHES = ("food", "food_container", "empty_container")
@@ -82,6 +82,21 @@ class World(nn.Module):
         self.register_buffer("containers", torch.cat([containers, empty.view(len(robot), empty_containers, 2)], 1))
         self.register_buffer("inside", torch.full_like(draws.trials, OUTSIDE))
         self.register_buffer("touches", self.inside.new_zeros(len(robot), len(TOUCHES)))
+
+    def start_orbiting(self, slow: float, fast: float) -> None:
+        """Put the robot on its orbit round the first item, anticlockwise (thesis 4.1).
+
+        A run begins with a tick straight ahead, so the robot starts one such tick before a corner of its
+        orbit, with the heading that it has after that corner. Its angle round the item is random.
+        """
+        seconds = self.tick / 1000.0
+        radius, turn = orbit(slow, fast, seconds, self.axle)
+        angle = self.heading.clone()
+        heading = angle + 0.5 * (torch.pi + turn)
+        corner = self.items[:, 0] + radius * torch.stack([torch.cos(angle), torch.sin(angle)], 1)
+        ahead = 0.5 * (slow + fast) * seconds * torch.stack([torch.cos(heading), torch.sin(heading)], 1)
+        self.position.copy_(torch.remainder(corner - ahead, self.side))
+        self.heading.copy_(torch.remainder(heading, 2.0 * torch.pi))
 
     def _apply(self, fn, recurse: bool = True) -> World:  # type: ignore[no-untyped-def]
         precise = {key: buffer for key, buffer in self._buffers.items() if buffer is not None}

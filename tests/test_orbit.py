@@ -1,0 +1,46 @@
+"""The orbit that a robot cannot leave by itself."""
+
+from __future__ import annotations
+
+import pytest
+import torch
+from helpers import compose_config
+
+from snnrl.builder import build
+from snnrl.engines import make_engine
+from snnrl.schema import ConfigError
+from snnrl.world.geometry import offset, orbit
+
+
+def test_an_attracted_robot_stays_on_its_orbit_round_the_item() -> None:
+    run = build(compose_config("+experiment=orbit", "robot=learning_disabled", "trials=5", "dtype=float64"))
+    coding, world = run.coding, run.world
+    radius, turn = orbit(coding.slow, coding.fast, coding.tick / 1000, world.axle)
+    assert (radius, turn) == (pytest.approx(4.568, abs=1e-3), pytest.approx(0.434))
+    engine = make_engine("fused", "cpu")
+    headings = []
+    for _ in range(60):
+        engine.run(run, 1)
+        distance = offset(world.position, world.items[:, 0], world.side).norm(dim=1)
+        torch.testing.assert_close(distance, torch.full((5,), radius, dtype=torch.float64))
+        headings.append(world.heading.clone())
+    turns = torch.stack(headings).diff(dim=0) % (2 * torch.pi)
+    torch.testing.assert_close(turns, torch.full_like(turns, turn))
+
+
+def test_only_hunger_breaks_the_orbit() -> None:
+    collected = {}
+    for robot in ("learning_disabled", "learning", "positive_baseline"):
+        config = compose_config("+experiment=orbit", f"robot={robot}")
+        run = build(config)
+        make_engine("fused", "cpu").run(run, round(1000 * config.seconds / config.coding.tick))
+        collected[robot] = int((run.world.touches[:, 0] > 0).sum())
+    assert collected["learning_disabled"] == 0
+    assert collected["learning"] >= 18
+    assert collected["positive_baseline"] == 0
+
+
+def test_an_orbit_needs_an_item_and_wheels_that_differ() -> None:
+    for override in ("world.free_items=0", "coding.slow=31.2"):
+        with pytest.raises(ConfigError, match=r"world\.orbiting=True: needs"):
+            build(compose_config("+experiment=orbit", override))
