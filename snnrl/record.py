@@ -69,7 +69,7 @@ class Recorder:
     def _write_events(self, seconds: int) -> None:
         assert self.writer is not None
         latest = {key: values[-1] for key, values in self._samples.items()}
-        self.writer.add_scalar("food/collected per s", latest["collection_rate"].mean(), seconds)
+        self.writer.add_scalar("collection rate, items per s/food", latest["collection_rate"].mean(), seconds)
         if "dopamine" in latest:
             self.writer.add_scalar("dopamine/level, uM", latest["dopamine"].mean(), seconds)
         for k, projection in enumerate(self.followed):
