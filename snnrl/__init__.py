@@ -1,5 +1,6 @@
 """Spiking neural networks that learn from reward by dopamine-modulated STDP, and a robot that proves it."""
 
+from snnrl import schema
 from snnrl.builder import build, build_network
 from snnrl.engines import make_engine
 from snnrl.loop import Simulation
@@ -19,4 +20,5 @@ __all__ = [
     "build",
     "build_network",
     "make_engine",
+    "schema",
 ]
