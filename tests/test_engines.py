@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 
+import numpy as np
 import pytest
 import torch
 from helpers import compose_config
@@ -12,6 +13,7 @@ from torch import Tensor
 
 from snnrl.builder import build, build_network
 from snnrl.engines import make_engine
+from snnrl.engines.fused import FusedEngine
 from snnrl.loop import Simulation
 from snnrl.network import Network
 from snnrl.random import Draws
@@ -258,3 +260,18 @@ def test_a_tick_runs_as_a_cuda_graph() -> None:
         graph.replay()
     make_engine("reference", "cpu").run(expected, 10)
     assert torch.equal(run.network.spike_count.cpu(), expected.network.spike_count)
+
+
+def test_a_trial_needs_less_than_a_megabyte() -> None:
+    """All state and topology of the larger robot, with what the fused engine keeps beside it."""
+    run = simulation("+experiment=dual_learning", "trials=20")
+    engine = FusedEngine(1)
+    engine.run(run, 1)
+    seen: dict[int, int] = {}
+    tables = [*vars(run.network.neurons).values(), *vars(run.network.synapses).values()]
+    for tensor in [*run.buffers(), *tables]:
+        if isinstance(tensor, Tensor):
+            seen[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
+    (_, topology), *_ = engine._topologies.values()
+    kept = sum(array.nbytes for array in topology.values() if isinstance(array, np.ndarray))
+    assert sum(seen.values()) + kept < 20 * 1_000_000
