@@ -70,7 +70,7 @@ class Coding(nn.Module):
 
     def decode(self, network: Network) -> Tensor:
         """Wheel speeds (cm/s), float64 [B, 2] left and right, from the spikes since the last call."""
-        count = network.spike_count[:, self.motor_groups]
+        count = torch.stack([network.spike_count[:, k] for k in self.motor_groups], 1)
         left, right = (count - self.decoded).unbind(1)
         self.decoded.copy_(count)
         lead = torch.sign(left - right).double()

@@ -154,7 +154,6 @@ def _topology(network: Network) -> dict[str, Any]:
         "columns": _joined([*columns, [first_incoming]], np.int64),
         "incoming": _joined(incoming, np.int32),
         "groups": np.array([(g.size, g.start, stream("background", g.name), g.noise != 0.0) for g in groups], np.int64),
-        "group_of": np.repeat(np.arange(len(groups)), [group.size for group in groups]),
         "background": np.array([(group.current, group.noise) for group in groups], real),
         "projections": np.array(described, np.int64).reshape(-1, 6),
         "plastic": sum(projection.plastic for projection in projections),

@@ -32,6 +32,8 @@ SLACK = 1e-5  # of a homeostatic limit, for the rounding of the bound
 SIZE, START, STREAM, NOISY = range(4)
 # columns of NetworkArrays.projections
 PRE, POST, DELAY, SET, FIRST_ROW, FIRST_COLUMN = range(6)
+# places in NetworkArrays.constants, which holds them in the network's precision
+SQUARE, LINEAR, CONSTANT, HALF, PEAK, DECAY, BASELINE, RELEASE, WEIGHT_MAX, SYNAPTIC_GAIN = range(10)
 
 
 class NetworkArrays(NamedTuple):
@@ -57,7 +59,6 @@ class NetworkArrays(NamedTuple):
     columns: Any  # offsets into `incoming` of each postsynaptic neuron's plastic synapses, likewise
     incoming: Any  # int32, synapses ordered by postsynaptic neuron
     groups: Any  # int64 [G, 4]
-    group_of: Any  # int64 [N]
     background: Any  # real [G, 2], constant and noise
     projections: Any  # int64 [P, 6], plastic ones first
     plastic: Any  # number of plastic projections
@@ -68,7 +69,7 @@ class NetworkArrays(NamedTuple):
     fading: Any  # real [BLOCK + 1], lambda^k
     source_group: Any  # place of the dopaminergic group, -1 for none
     threshold: Any
-    constants: Any  # real: see `constants` in engine.py
+    constants: Any  # real [10], of the membrane's equation, dopamine and synapses
     trials: Any  # int64 [B], their numbers
     seed: Any  # uint64
 
@@ -137,15 +138,16 @@ def store(net, work, trial):
 @njit(forceinline=True)
 def update_neurons(state, current, constants, spikes):
     """One ms of all neurons; the fired ones' numbers go to `spikes`, their count is returned."""
-    k004, k5, k140, half, peak = constants[0], constants[1], constants[2], constants[3], constants[4]
+    square, linear, constant = constants[SQUARE], constants[LINEAR], constants[CONSTANT]
+    half, peak = constants[HALF], constants[PEAK]
     found = 0
     for block in range(len(current) // LANES):
         at, base = block * LANES * ROWS, block * LANES
         fired = 0
         for j in range(LANES):
             v, u, inflow = state[at + j], state[at + LANES + j], current[base + j]
-            v = v + half * (k004 * v * v + k5 * v + k140 - u + inflow)
-            v = v + half * (k004 * v * v + k5 * v + k140 - u + inflow)
+            v = v + half * (square * v * v + linear * v + constant - u + inflow)
+            v = v + half * (square * v * v + linear * v + constant - u + inflow)
             u = u + state[at + 2 * LANES + j] * (state[at + 3 * LANES + j] * v - u)
             spiked = v >= peak
             state[at + j] = state[at + 4 * LANES + j] if spiked else v
@@ -185,7 +187,7 @@ def settle_all(net, trial, drive):
     for p in range(net.plastic):
         low, high = synapses_of(net, p, trial)
         weight, scaled, settled = net.weight[low:high], net.eligibility[low:high], net.settled[low:high]
-        _settle(weight, scaled, settled, drive, net.constants[8])
+        _settle(weight, scaled, settled, drive, net.constants[WEIGHT_MAX])
 
 
 @njit(fastmath={"reassoc", "nsz"})
@@ -211,7 +213,7 @@ def measure_sets(net, work, trial, positive):
         if k < 0:
             continue
         low, high = synapses_of(net, p, trial)
-        total, rise = _sums(net.weight[low:high], net.eligibility[low:high], net.constants[8], sign)
+        total, rise = _sums(net.weight[low:high], net.eligibility[low:high], net.constants[WEIGHT_MAX], sign)
         work.total[k] += total
         work.rise[k] += rise
 
@@ -250,9 +252,9 @@ def dampen(net, work, trial, drive, positive):
 
 
 @njit(forceinline=True)
-def pair_spikes(net, work, trial, time, found, before, fading, positive):
+def pair_spikes(net, work, trial, time, before, fading, positive):
     """Step 4: what this ms's spikes add to eligibilities; weights are settled first (up to `before`)."""
-    limit = net.constants[8]
+    limit = net.constants[WEIGHT_MAX]
     zero = limit - limit
     inverse = net.fading[0] / fading
     last = net.last_spike[trial]
@@ -296,7 +298,7 @@ def pair_spikes(net, work, trial, time, found, before, fading, positive):
 @njit(forceinline=True)
 def send(net, work, trial, time, drive):
     """Step 7: this ms's spikes leave."""
-    limit, gain = net.constants[8], net.constants[9]
+    limit, gain = net.constants[WEIGHT_MAX], net.constants[SYNAPTIC_GAIN]
     zero = limit - limit
     slots = net.pending.shape[1]
     for p in range(net.projections.shape[0]):
@@ -362,7 +364,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
     """
     steps, neurons, groups = injected.shape[0], net.v.shape[1], net.groups.shape[0]
     slots, constants = net.pending.shape[1], net.constants
-    decay, baseline, release = constants[5], constants[6], constants[7]
+    decay, baseline, release = constants[DECAY], constants[BASELINE], constants[RELEASE]
     zero = baseline - baseline
     drive, level = zero, net.level[trial]
     learns = net.plastic > 0 and net.source_group >= 0
@@ -412,7 +414,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
             before = drive
             drive = drive + net.fading[k + 1] * level
             if found:
-                pair_spikes(net, work, trial, now, found, before, net.fading[k + 1], positive)
+                pair_spikes(net, work, trial, now, before, net.fading[k + 1], positive)
             if sets and may_exceed(net, work, trial, drive):
                 dampen(net, work, trial, drive, positive)
                 drive = zero
