@@ -524,7 +524,7 @@ def test_engines_agree_on_whole_ticks(ticks: int) -> None:
         make_engine(engine, "cpu", 1).run(simulation, ticks, raster)
         rasters.append(raster)
     assert torch.equal(*rasters)
-    assert int(rasters[0].sum()) > 1000
+    assert int(rasters[0].sum()) > 500
     reference, fused = (simulation.state_dict() for simulation in both)
     assert reference.keys() == fused.keys()
     for key, value in reference.items():
