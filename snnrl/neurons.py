@@ -6,6 +6,7 @@ import torch
 from torch import Tensor, nn
 
 NEVER = -(1 << 40)  # last-spike time (ms) of a neuron that has not fired
+SQUARE, LINEAR, CONSTANT = 0.04, 5.0, 140.0  # of dv/dt = 0.04 v^2 + 5 v + 140 - u + I
 PEAK = 30.0  # mV; at or above it a neuron has fired (Izhikevich 2003)
 
 
@@ -16,8 +17,8 @@ def izhikevich(
 
     Returns v, u and which neurons fired, all of the inputs' shape.
     """
-    v = v + 0.5 * (0.04 * v * v + 5.0 * v + 140.0 - u + current)
-    v = v + 0.5 * (0.04 * v * v + 5.0 * v + 140.0 - u + current)
+    v = v + 0.5 * (SQUARE * v * v + LINEAR * v + CONSTANT - u + current)
+    v = v + 0.5 * (SQUARE * v * v + LINEAR * v + CONSTANT - u + current)
     u = u + a * (b * v - u)
     fired = v >= PEAK
     return torch.where(fired, c, v), torch.where(fired, u + d, u), fired

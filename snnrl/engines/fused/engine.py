@@ -19,7 +19,7 @@ from snnrl.engines.fused.network import BLOCK, NetworkArrays, run_network
 from snnrl.engines.fused.world import CodingArrays, WorldArrays, run_ticks
 from snnrl.loop import Simulation
 from snnrl.network import Network, SynapseTable
-from snnrl.neurons import PEAK
+from snnrl.neurons import CONSTANT, LINEAR, PEAK, SQUARE
 from snnrl.random import poisson_table_size, stream
 from snnrl.schema import ConfigError
 from snnrl.synapses import stdp
@@ -165,7 +165,8 @@ def _topology(network: Network) -> dict[str, Any]:
         "source_group": -1 if dopamine is None else place[dopamine.source],
         "threshold": 0 if dopamine is None else dopamine.threshold,
         "constants": np.array(
-            [0.04, 5.0, 140.0, 0.5, PEAK, decay, baseline, release, rule.weight_max, network.synaptic_gain], real
+            [SQUARE, LINEAR, CONSTANT, 0.5, PEAK, decay, baseline, release, rule.weight_max, network.synaptic_gain],
+            real,
         ),
         "seed": np.uint64(network.draws.seed),
     }
