@@ -16,11 +16,10 @@ from typing import Any
 
 import optuna
 import torch
-import yaml
 from torch import Tensor
 
-from snnrl.analysis import PUBLISHED
 from snnrl.analysis.criteria import correct
+from snnrl.analysis.published import published as published_cells
 from snnrl.builder import build
 from snnrl.config import compose
 from snnrl.engines import make_engine
@@ -87,7 +86,7 @@ def contrast(simulation: Simulation, factor: float) -> Tensor:
 
 def distances(values: Mapping[str, Any], trials: int, seed: int) -> dict[str, float]:
     """Signed distance of every published cell, in its units of uncertainty."""
-    published = yaml.safe_load(PUBLISHED.read_text())
+    published = published_cells()
     count = published["trials"]
     pairs = {
         (experiment, robot)

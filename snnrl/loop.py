@@ -20,19 +20,25 @@ class Simulation(nn.Module):
     def trials(self) -> int:
         return self.network.trials
 
-    def tick(self, raster: Tensor | None = None) -> None:
-        """One control tick; the one definition of its order.
+    def act_and_sense(self) -> tuple[Tensor, Tensor]:
+        """The part of a control tick that takes no time; the one definition of its order.
 
         1. Wheel speeds are decoded from the spikes of the last tick.
         2. The robot moves; what it touches is felt, taken and replaced.
         3. The range sensors are read.
         4. Pulses, the exploring side and its current are drawn.
-        5. The network runs for the length of the tick.
 
-        `raster`, bool [tick, B, N], is filled with who fired.
+        Returns the currents of the coming tick, [tick, B, N], and the sign of dopamine in it, [B].
         """
         network, world = self.network, self.world
         wheels = self.coding.decode(network)
         touched = world.step(wheels, network.time)
         current = self.coding.encode(network, world.sense(), touched)
-        network.run(current, world.sign(network.time).to(network.dtype), raster)
+        return current, world.sign(network.time).to(network.dtype)
+
+    def tick(self, raster: Tensor | None = None) -> None:
+        """One control tick: act and sense, then the network runs for its length (the reference).
+
+        `raster`, bool [tick, B, N], is filled with who fired.
+        """
+        self.network.run(*self.act_and_sense(), raster)

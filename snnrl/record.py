@@ -14,6 +14,7 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from snnrl.loop import Simulation
+from snnrl.synapses import Projection
 from snnrl.world import TOUCHES
 
 
@@ -40,6 +41,7 @@ class Recorder:
         self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
         self._samples: dict[str, list[np.ndarray]] = {}
         self._before = self._counts()
+        self._written = 0  # last whole second with events
 
     def _counts(self) -> tuple[float, torch.Tensor, torch.Tensor]:
         network, world = self.simulation.network, self.simulation.world
@@ -57,13 +59,17 @@ class Recorder:
             "firing_rate": (spikes - spikes_then) / (self._sizes * (seconds - then)),
             "weight": torch.stack([p.mean_weight() for p in self.followed], 1),
             "eligibility": torch.stack([p.mean_eligibility() for p in self.followed], 1),
+            "position": self.simulation.world.position,
+            "heading": self.simulation.world.heading,
+            "nearest_item": self.simulation.world.nearest_item(),
         }
         if network.dopamine is not None:
             sample["dopamine"] = network.dopamine.level
         for key, values in sample.items():
             self._samples.setdefault(key, []).append(values.float().cpu().numpy())
-        if self.writer is not None:
-            self._write_events(round(seconds))
+        if self.writer is not None and int(seconds) > self._written:
+            self._written = int(seconds)
+            self._write_events(self._written)
         return float(sample["collection_rate"].mean())
 
     def _write_events(self, seconds: int) -> None:
@@ -78,23 +84,24 @@ class Recorder:
             self.writer.add_scalar(f"firing rate, Hz/{group}", latest["firing_rate"][:, k].mean(), seconds)
 
     def save(self, folder: Path, correct: torch.Tensor | None) -> None:
-        """Write series.npz and trials.csv, and close the events.
+        """Write series.npz, weights.npz and trials.csv, and close the events.
 
         series.npz holds `time` [T] (s), `collection_rate` [T, B] (items/s), `weight` and `eligibility`
         [T, B, P] (means, absent synapses as zeros), `firing_rate` [T, B, G] (Hz), `dopamine` [T, B] (uM),
-        and the names `projections` [P], `groups` [G] and the numbers `trials` [B].
+        the robot's `position` [T, B, 2] (cm) and `heading` [T, B] (rad), its distance to the `nearest_item`
+        [T, B] (cm), and the names `projections` [P], `groups` [G] and the numbers `trials` [B].
+        weights.npz holds for each of `projections` NAME its weights at the end, [B, n_pre, n_post] (mV),
+        nan where there is no synapse.
         """
         series = {key: np.stack(values) for key, values in self._samples.items()}
         trials = self.simulation.network.draws.trials.cpu().numpy()
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            projections=np.array([p.name for p in self.followed]),
-            groups=np.array(self.groups),
-            trials=trials,
-            **series,  # type: ignore[arg-type]
-        )
-        write(folder / "series.npz", buffer.getvalue())
+        names = {
+            "projections": np.array([p.name for p in self.followed]),
+            "groups": np.array(self.groups),
+            "trials": trials,
+        }
+        write(folder / "series.npz", _npz({**series, **names}))
+        write(folder / "weights.npz", _npz({p.name: _dense(p) for p in self.followed}))
         write(folder / "trials.csv", self._table(trials, correct))
         if self.writer is not None:
             self.writer.close()
@@ -110,6 +117,19 @@ class Recorder:
             row = [f"{values[k]:.6g}" for values in weights.values()]
             table.writerow([trial, *touches[k], learnt, *row])
         return text.getvalue()
+
+
+def _npz(arrays: dict[str, np.ndarray]) -> bytes:
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    return buffer.getvalue()
+
+
+def _dense(projection: Projection) -> np.ndarray:
+    weights = np.full(projection.shape, np.nan, np.float32)
+    at = (projection.trial.cpu(), projection.pre_index.cpu(), projection.post_index.cpu())
+    weights[at] = projection.weight.float().cpu().numpy()
+    return weights
 
 
 def write_json(path: Path, content: dict[str, Any]) -> None:

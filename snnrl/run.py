@@ -68,7 +68,11 @@ def simulate(config: Config, simulation: Simulation, engine: Engine, folder: Pat
     recorder = Recorder(simulation, folder if config.record.tensorboard else None)
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds)
     started = time.perf_counter()
-    for done in range(0, ticks, every):
+    first = min(round(1000 * config.record.start / tick), ticks)
+    if first:
+        engine.run(simulation, first)
+        recorder.sample()
+    for done in range(first, ticks, every):
         engine.run(simulation, min(every, ticks - done))
         rate = recorder.sample()
         progress.show(int(simulation.network.time) / 1000.0, rate)

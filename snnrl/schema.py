@@ -202,9 +202,10 @@ class ExperimentConfig:
 
 @dataclass
 class RecordConfig:
-    """How often (simulated s) the series are sampled, and whether TensorBoard events are written."""
+    """How often (simulated s) and from when on the series are sampled, and whether TensorBoard events are written."""
 
     every: float = number(above=0.0)
+    start: float = number(0.0, least=0.0)
     tensorboard: bool = True
 
 

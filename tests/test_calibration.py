@@ -9,7 +9,7 @@ import torch
 import yaml
 from helpers import compose_config
 
-from snnrl.analysis import PUBLISHED
+from snnrl.analysis.published import PUBLISHED
 from snnrl.builder import build
 from snnrl.calibrate import CONTAINERS, FREE, contrast, fraction_distance, loss, mean_distance, present
 

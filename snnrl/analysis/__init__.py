@@ -1,5 +1,1 @@
-"""What runs mean: correctness criteria and published values."""
-
-from pathlib import Path
-
-PUBLISHED = Path(__file__).with_name("published.yaml")
+"""What runs mean: criteria, comparison with the thesis, figures and the report."""

@@ -181,6 +181,12 @@ class World(nn.Module):
             values[name] = sense(sensor, way, self.heading, visible, radius)
         return values
 
+    def nearest_item(self) -> Tensor:
+        """Distance from the robot to the centre of the nearest item, sensed or not: float64 [B], cm; inf without."""
+        if self.items.shape[1] == 0:
+            return torch.full_like(self.heading, torch.inf)
+        return offset(self.position[:, None], self.items, self.side).norm(dim=2).amin(1)
+
     def sign(self, time: Tensor) -> Tensor:
         """+1, or -1 where items are poison at int64 scalar `time`: float64 [B]."""
         ones = torch.ones_like(self.heading)
