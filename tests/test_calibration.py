@@ -11,7 +11,7 @@ from helpers import compose_config
 
 from snnrl.analysis.published import PUBLISHED
 from snnrl.builder import build
-from snnrl.calibrate import CONTAINERS, FREE, contrast, fraction_distance, loss, mean_distance, present
+from snnrl.calibrate import FREE, contrast, fraction_distance, loss, mean_distance, neighbours, present
 
 
 def test_a_difference_of_means_in_standard_errors() -> None:
@@ -35,7 +35,7 @@ def test_no_cell_decides_alone() -> None:
 
 def test_the_study_starts_from_the_values_in_conf() -> None:
     values = present()
-    assert set(values) == {*FREE, CONTAINERS}
+    assert set(values) == set(FREE)
     assert values["coding.range_gain"] == compose_config("+experiment=food_attraction").coding.range_gain
 
 
@@ -59,3 +59,10 @@ def test_contrast_of_the_two_container_touches() -> None:
             projection.weight[mine] = weight * 800 / int(mine.sum())
     assert contrast(run, 4.0).tolist() == [True, False]
     assert contrast(run, 1.0).tolist() == [True, True]
+
+
+def test_neighbours_change_one_value_each() -> None:
+    values = present()
+    changes = neighbours(values)
+    assert len(changes) == len(set(changes)) == 2 * 5 + 3
+    assert all(value != values[name] for name, value in changes)

@@ -54,15 +54,17 @@ def taxis(run: Run, kind: str, sense: str, response: str) -> np.ndarray:
     return np.mean([run.of_projection(kind, f"{s}_{sense}_to_{m}_motor") for s, m in ends], 0)
 
 
-def escapes(run: Run) -> np.ndarray:
-    """When each robot left its orbit (s), nan where it never did.
+def escape_rule(slow: float, fast: float, tick: int, axle: float) -> float:
+    """Distance from the item (cm) at which a robot has left its orbit: twice the orbit's radius."""
+    return 2 * orbit(slow, fast, tick / 1000, axle)[0]
 
-    It has left when it is twice the orbit's radius away from the item, or has taken it.
-    """
+
+def escapes(run: Run) -> np.ndarray:
+    """When each robot was beyond `escape_rule` from the item or had taken it (s), nan where it never was."""
     config = run.config
     coding, world = config["coding"], config["world"]
-    radius, _ = orbit(coding["slow"], coding["fast"], coding["tick"] / 1000, world["axle"])
-    left = (run.series["nearest_item"] > 2 * radius) | (run.series["collection_rate"] > 0)
+    limit = escape_rule(coding["slow"], coding["fast"], coding["tick"], world["axle"])
+    left = (run.series["nearest_item"] > limit) | (run.series["collection_rate"] > 0)
     return _first(run.time, left)
 
 

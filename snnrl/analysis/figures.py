@@ -13,7 +13,7 @@ from matplotlib.patches import Circle
 
 from snnrl.analysis import style
 from snnrl.analysis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, smooth, taxis
-from snnrl.analysis.fit import heat_maps
+from snnrl.analysis.fit import heat_maps, history, sensitivity
 from snnrl.analysis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.analysis.published import published
 from snnrl.analysis.runs import Run
@@ -653,6 +653,14 @@ DRAWINGS = (
         "Mean weights over trials of the robot that learns both behaviours.",
         ("dual_learning/learning",),
         dual_weights,
+    ),
+    Drawing("calibration", "fit", "The search for the free values: distance to all published cells.", (), history),
+    Drawing(
+        "sensitivity",
+        "fit",
+        "How sharply each cell pins each free value: change of its distance when one value is changed.",
+        (),
+        sensitivity,
     ),
 )
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from snnrl.analysis.runs import Run
-from snnrl.analysis.style import figure
+from snnrl.analysis.style import OTHER, figure
 from snnrl.schema import PlasticityConfig
 
 CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record
@@ -93,4 +93,41 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
         axis.set_yticks(range(len(up)), [f"{value:g}" for value in up])
         axis.set(xlabel=f"{x}{units[x]}", ylabel=f"{y}{units[y]}")
     drawn.colorbar(image, ax=axes, label="items in a trial, mean")
+    return drawn
+
+
+def history(_: Mapping[str, Run]) -> Figure | None:
+    """Every point of the calibration, and the best so far."""
+    record = calibration()
+    if record is None:
+        return None
+    losses = [point["loss"] for point in record["history"]]
+    drawn, axis = figure(height=2.6)
+    axis.plot(losses, ".", color=OTHER, label="a point")
+    axis.step(range(len(losses)), np.minimum.accumulate(losses), where="post", color="#0072B2", label="best so far")
+    axis.set(xlabel="point of the study", ylabel="RMS distance (standard errors)", ylim=(0, None))
+    axis.legend(loc="upper right")
+    return drawn
+
+
+def sensitivity(_: Mapping[str, Run]) -> Figure | None:
+    """How each cell moves when one value is changed, in standard errors of that cell."""
+    record = calibration()
+    if record is None or not record["sensitivity"]:
+        return None
+    base = next(point for point in record["sensitivity"] if not point["change"][0])
+    changed = [point for point in record["sensitivity"] if point["change"][0]]
+    cells = sorted(base["distances"])
+    shift = np.array([[p["distances"].get(c, np.nan) - base["distances"][c] for p in changed] for c in cells])
+    drawn, axis = figure(width=7.2, height=0.27 * len(cells) + 1.8)
+    limit = float(np.nanmax(np.abs(shift)))
+    image = axis.imshow(shift, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
+    for (row, column), value in np.ndenumerate(shift):
+        colour = "white" if abs(value) > 0.6 * limit else "black"
+        axis.text(column, row, f"{value:+.1f}", ha="center", va="center", fontsize=6, color=colour)
+    names = [f"{'.'.join(point['change'][0].split('.')[-2:])}={point['change'][1]}" for point in changed]
+    axis.grid(False)
+    axis.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
+    axis.set_yticks(range(len(cells)), [cell.replace("_", " ") for cell in cells], fontsize=7)
+    drawn.colorbar(image, ax=axis, label="change of the cell's distance (standard errors)", shrink=0.7)
     return drawn

@@ -1,0 +1,91 @@
+"""The whole reproduction at small size, as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+import torch
+
+from snnrl import reproduce
+from snnrl.analysis.figures import DRAWINGS
+from snnrl.analysis.published import published
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a quick reproduction has been made."""
+    folder = tmp_path_factory.mktemp("thesis")
+    with pytest.MonkeyPatch.context() as patch, torch.no_grad():
+        patch.chdir(folder)
+        reproduce.main(["--quick", "--results", "results"])
+    return folder
+
+
+def report(folder: Path) -> Path:
+    return max((folder / "runs" / "thesis").glob("20*"))
+
+
+def test_every_published_cell_is_in_the_report(made: Path) -> None:
+    content = json.loads((report(made) / "report.json").read_text())
+    cells = {(cell["experiment"], cell["robot"]) for cell in content["cells"]}
+    wanted = {
+        (experiment, robot)
+        for kind in ("food", "correct", "contrast")
+        for experiment, robots in published()[kind].items()
+        for robot in robots
+    } | {("orbit", robot) for robot in published()["escaped"]["orbit"]}
+    assert cells == wanted
+    assert all(cell["verdict"] in ("equivalent", "differs") for cell in content["cells"])
+    food = next(cell for cell in content["cells"] if cell["quantity"] == "food" and cell["robot"] == "benchmark")
+    assert food["verdict"] == "differs"  # a twenty-fifth of the published time
+    assert food["difference"] == pytest.approx(food["ours"]["mean"] - food["published"]["mean"])
+    assert content["provenance"]["quick"] is True
+    assert len(content["claims"]) == 10
+
+
+def test_the_page_is_one_file_with_every_figure(made: Path) -> None:
+    page = (report(made) / "report.html").read_text()
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    drawn = {path.stem for path in (report(made) / "figures").glob("*.png")}
+    optional = {"dampening", "failing_trial", "coincidence_food", "coincidence_empty", "calibration", "sensitivity"}
+    assert {drawing.name for drawing in DRAWINGS} - optional <= drawn
+    assert page.count("<figure>") == len(drawn)
+
+
+def test_the_small_form_is_complete(made: Path) -> None:
+    text = (made / "results" / "README.md").read_text()
+    links = re.findall(r"\]\((figures/[^)]+)\)", text)
+    assert links
+    assert all((made / "results" / link).exists() for link in links)
+
+
+def test_finished_runs_are_found_by_content_only(
+    made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(made)
+    small = reproduce.plan(0, True, "food_attraction")[0]
+    same, found = reproduce.obtain(small)
+    assert found
+    assert "found, same configuration" in capsys.readouterr().out
+    other = reproduce.Planned(small.name, small.experiment, (*small.overrides, "coding.touch_gain=2.75"))
+    changed, found = reproduce.obtain(other)
+    assert not found
+    assert changed.folder != same.folder
+    (changed.folder / "summary.json").unlink()  # as if it had been interrupted
+    assert reproduce.obtain(other) == (changed, False)
+    monkeypatch.setattr(reproduce, "code_version", lambda: "another")
+    assert not reproduce.obtain(small)[1]
+
+
+def test_one_experiment_alone(made: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.chdir(made)
+    with torch.no_grad():
+        reproduce.main(["--quick", "--only", "orbit"])
+    assert capsys.readouterr().out.count("found, same") == 3
+    content = json.loads((report(made) / "report.json").read_text())
+    assert {cell["experiment"] for cell in content["cells"]} == {"orbit"}
+    with pytest.raises(SystemExit):
+        reproduce.main(["--only", "nothing"])
