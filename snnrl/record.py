@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,23 @@ import numpy as np
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
+from snnrl.files import sync, write
 from snnrl.loop import Simulation
 from snnrl.world import TOUCHES
 
 
-def write(path: Path, content: bytes | str) -> None:
-    """Write a file as a whole: a reader sees the old one or the new one."""
-    unfinished = path.with_name(path.name + ".unfinished")
-    unfinished.write_bytes(content.encode() if isinstance(content, str) else content)
-    os.replace(unfinished, path)
+def keep_events(folder: Path, size: int) -> None:
+    """Keep the first `size` bytes of a folder's TensorBoard events, in one file that sorts before any later one.
+
+    Killed at any point and called again, it does the same: the bytes that are kept stay in front.
+    """
+    files = sorted(folder.glob("events.out.tfevents.*"))
+    kept = folder / "events.out.tfevents.0000000000.kept"
+    if size:
+        write(kept, b"".join(file.read_bytes() for file in files)[:size])
+    for file in files:
+        if file != kept or not size:
+            file.unlink()
 
 
 class Recorder:
@@ -30,16 +37,31 @@ class Recorder:
     Args:
         simulation: what is sampled; projections with a role are followed.
         events: folder for TensorBoard events; None writes none.
+        state: what `state_dict` gave of the recorder of the run's part so far; see also `keep_events`.
     """
 
-    def __init__(self, simulation: Simulation, events: Path | None) -> None:
-        self.simulation = simulation
+    def __init__(self, simulation: Simulation, events: Path | None, state: Mapping[str, Any] | None = None) -> None:
+        self.simulation, self.events = simulation, events
         self.writer = None if events is None else SummaryWriter(str(events))
         self.followed = [p for p in simulation.network.projections.values() if p.role]
         self.groups = list(simulation.network.groups)
         self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
         self._samples: dict[str, list[np.ndarray]] = {}
         self._before = self._counts()
+        if state is not None:
+            self._samples = {key: list(values.numpy()) for key, values in state["samples"].items()}
+            self._before = state["before"]
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that has been sampled, and how many bytes of events are on the disk for good."""
+        size = 0
+        if self.writer is not None and self.events is not None:
+            self.writer.flush()
+            for file in self.events.glob("events.out.tfevents.*"):
+                sync(file)
+                size += file.stat().st_size
+        samples = {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()}
+        return {"samples": samples, "before": self._before, "events": size}
 
     def _counts(self) -> tuple[float, torch.Tensor, torch.Tensor]:
         network, world = self.simulation.network, self.simulation.world
@@ -97,6 +119,7 @@ class Recorder:
         write(folder / "series.npz", buffer.getvalue())
         write(folder / "trials.csv", self._table(trials, correct))
         if self.writer is not None:
+            self.writer.flush()  # unlike close, says so if an event could not be written
             self.writer.close()
 
     def _table(self, trials: np.ndarray, correct: torch.Tensor | None) -> str:
@@ -110,8 +133,3 @@ class Recorder:
             row = [f"{values[k]:.6g}" for values in weights.values()]
             table.writerow([trial, *touches[k], learnt, *row])
         return text.getvalue()
-
-
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """A dictionary as readable JSON; refuses NaN and infinities."""
-    write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
