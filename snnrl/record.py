@@ -83,7 +83,7 @@ class Recorder:
         if network.dopamine is not None:
             sample["dopamine"] = network.dopamine.level
         for key, values in sample.items():
-            self._samples.setdefault(key, []).append(values.float().cpu().numpy())
+            self._samples.setdefault(key, []).append(values.float().cpu().numpy().copy())
         if self.writer is not None:
             self._write_events(round(seconds))
         return float(sample["collection_rate"].mean())
