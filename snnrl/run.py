@@ -40,7 +40,7 @@ class _Passed(BaseException):
 
 
 class JobFailed(Exception):
-    """A job of a sweep has failed, and has said why; the message says how to run it again."""
+    """A job of a sweep has failed; the message says which, why, and how to run it again."""
 
 
 FORESEEN = (*BAD_INPUT, JobFailed, Interrupted, OSError, KeyboardInterrupt)
@@ -61,14 +61,15 @@ def job(composed: DictConfig) -> float:
         failure = f"job {settings.job.num} ({' '.join(overrides)}): {explain(error)}"
         print(f"snnrl.run: {failure}", file=sys.stderr)
         again = f"the same command with hydra.sweep.dir={settings.sweep.dir} does only what is missing"
-        raise JobFailed(f"a job failed; {again}") from None
+        raise JobFailed(f"{failure}; {again}") from None
     report(summary, folder)
     return float(summary["food_mean"])
 
 
 def share(launcher: DictConfig) -> int:
     """Threads for a job that was not told how many: what its launcher gives it, else 0, one per processor."""
-    return int(launcher.get("cpus_per_task") or os.environ.get("OMP_NUM_THREADS", "0").split(",")[0])
+    told = str(launcher.get("cpus_per_task") or os.environ.get("OMP_NUM_THREADS", ""))  # joblib sets the latter
+    return int(told) if told.isdigit() else 0
 
 
 def resume(folder: Path) -> None:

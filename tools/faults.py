@@ -126,6 +126,7 @@ class Faults:
         ended = run(place, *RUN, "hydra.run.dir=undisturbed")
         self.length = time.monotonic() - began
         assert ended.status == 0, ended.errors
+        self.running = float(json.loads((self.whole / "summary.json").read_text())["wall_s"])
         self.stopped = self._folder()
         begun = self._begin(self.stopped)
         begun.send(signal.SIGKILL)
@@ -172,12 +173,16 @@ class Faults:
         """kill -9 at a random moment, twice where there is time for it; then resume."""
         folder = self._folder()
         started = self._start(folder)
-        time.sleep(self.random.uniform(0.0, self.length))
+        if self.random.random() < 0.9:
+            until((folder / "config.yaml").exists)
+        time.sleep(self.random.uniform(0.0, self.running))
         started.send(signal.SIGKILL)
         started.wait()
         if not (folder / "config.yaml").exists():
             shutil.rmtree(folder, ignore_errors=True)
             return "killed before the run began"
+        if summary(folder)["complete"]:
+            return self._judge(folder, "killed when complete")
         word = "killed with a checkpoint" if (folder / checkpoint.FILE).exists() else "killed without a checkpoint"
         started = Started(self.place, f"resume={folder}")
         time.sleep(self.random.uniform(0.0, self.length))
