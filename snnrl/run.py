@@ -61,7 +61,7 @@ def job(composed: DictConfig) -> float:
         failure = f"job {settings.job.num} ({' '.join(overrides)}): {explain(error)}"
         print(f"snnrl.run: {failure}", file=sys.stderr)
         again = f"the same command with hydra.sweep.dir={settings.sweep.dir} does only what is missing"
-        raise JobFailed(f"{failure}; {again}") from None
+        raise JobFailed(f"{failure}; {again}") from error
     report(summary, folder)
     return float(summary["food_mean"])
 
