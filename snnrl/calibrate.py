@@ -28,8 +28,8 @@ from snnrl.analysis.published import published as published_cells
 from snnrl.builder import build
 from snnrl.config import compose
 from snnrl.engines import make_engine
+from snnrl.files import write_json
 from snnrl.loop import Simulation
-from snnrl.record import write_json
 
 FIRST_SEED = 1_000_000
 

@@ -8,6 +8,7 @@ import hydra
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from snnrl.schema import Config, ConfigError
 
@@ -25,6 +26,25 @@ def compose(*overrides: str) -> Config:
     """The configuration that the command line `python -m snnrl.run OVERRIDES` would get."""
     with hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
         return plain(hydra.compose("config", overrides=list(overrides)))
+
+
+def load(path: Path) -> Config:
+    """The configuration that a run folder's config.yaml holds.
+
+    Raises:
+        ConfigError: it cannot be read as one.
+        OSError: there is no such file.
+    """
+    try:
+        saved = OmegaConf.load(path)
+        return plain(OmegaConf.merge(OmegaConf.structured(Config), saved))  # type: ignore[arg-type]
+    except (OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError("config", path, " ".join(str(error).split())) from error
+
+
+def dump(config: Config) -> str:
+    """A configuration as the text that `load` reads."""
+    return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
 def plain(config: DictConfig) -> Config:

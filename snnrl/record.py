@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +12,24 @@ import numpy as np
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
+from snnrl.files import sync, write
 from snnrl.loop import Simulation
 from snnrl.synapses import Projection
 from snnrl.world import TOUCHES
 
 
-def write(path: Path, content: bytes | str) -> None:
-    """Write a file as a whole: a reader sees the old one or the new one."""
-    unfinished = path.with_name(path.name + ".unfinished")
-    unfinished.write_bytes(content.encode() if isinstance(content, str) else content)
-    os.replace(unfinished, path)
+def keep_events(folder: Path, size: int) -> None:
+    """Keep the first `size` bytes of a folder's TensorBoard events, in one file that sorts before any later one.
+
+    Killed at any point and called again, it does the same: the bytes that are kept stay in front.
+    """
+    files = sorted(folder.glob("events.out.tfevents.*"))
+    kept = folder / "events.out.tfevents.0000000000.kept"
+    if size:
+        write(kept, b"".join(file.read_bytes() for file in files)[:size])
+    for file in files:
+        if file != kept or not size:
+            file.unlink()
 
 
 class Recorder:
@@ -31,17 +38,31 @@ class Recorder:
     Args:
         simulation: what is sampled; projections with a role are followed.
         events: folder for TensorBoard events; None writes none.
+        state: what `state_dict` gave of the recorder of the run's part so far; see also `keep_events`.
     """
 
-    def __init__(self, simulation: Simulation, events: Path | None) -> None:
-        self.simulation = simulation
+    def __init__(self, simulation: Simulation, events: Path | None, state: Mapping[str, Any] | None = None) -> None:
+        self.simulation, self.events = simulation, events
         self.writer = None if events is None else SummaryWriter(str(events))
         self.followed = [p for p in simulation.network.projections.values() if p.role]
         self.groups = list(simulation.network.groups)
         self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
         self._samples: dict[str, list[np.ndarray]] = {}
         self._before = self._counts()
-        self._written = 0  # last whole second with events
+        if state is not None:
+            self._samples = {key: list(values.numpy()) for key, values in state["samples"].items()}
+            self._before = state["before"]
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that has been sampled, and how many bytes of events are on the disk for good."""
+        size = 0
+        if self.writer is not None and self.events is not None:
+            self.writer.flush()
+            for file in self.events.glob("events.out.tfevents.*"):
+                sync(file)
+                size += file.stat().st_size
+        samples = {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()}
+        return {"samples": samples, "before": self._before, "events": size}
 
     def _counts(self) -> tuple[float, torch.Tensor, torch.Tensor]:
         network, world = self.simulation.network, self.simulation.world
@@ -66,10 +87,9 @@ class Recorder:
         if network.dopamine is not None:
             sample["dopamine"] = network.dopamine.level
         for key, values in sample.items():
-            self._samples.setdefault(key, []).append(values.float().cpu().numpy())
-        if self.writer is not None and int(seconds) > self._written:
-            self._written = int(seconds)
-            self._write_events(self._written)
+            self._samples.setdefault(key, []).append(values.float().cpu().numpy().copy())
+        if self.writer is not None and int(seconds) > int(then):
+            self._write_events(int(seconds))
         return float(sample["collection_rate"].mean())
 
     def _write_events(self, seconds: int) -> None:
@@ -104,6 +124,7 @@ class Recorder:
         write(folder / "weights.npz", _npz({p.name: _dense(p) for p in self.followed}))
         write(folder / "trials.csv", self._table(trials, correct))
         if self.writer is not None:
+            self.writer.flush()  # unlike close, says so if an event could not be written
             self.writer.close()
 
     def _table(self, trials: np.ndarray, correct: torch.Tensor | None) -> str:
@@ -130,8 +151,3 @@ def _dense(projection: Projection) -> np.ndarray:
     at = (projection.trial.cpu(), projection.pre_index.cpu(), projection.post_index.cpu())
     weights[at] = projection.weight.float().cpu().numpy()
     return weights
-
-
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """A dictionary as readable JSON; refuses NaN and infinities."""
-    write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")

@@ -26,17 +26,13 @@ from typing import Any
 
 import numpy as np
 import torch
-import yaml
 
 from snnrl.analysis.claims import FIVE_ROBOTS, taxis
 from snnrl.analysis.fit import FACTORS, grid_points, point_name
 from snnrl.analysis.report import Provenance, write_report
 from snnrl.analysis.runs import Run
-from snnrl.builder import build
 from snnrl.config import compose
-from snnrl.engines import make_engine
-from snnrl.record import write, write_json
-from snnrl.run import simulate
+from snnrl.job import perform, read_summary
 from snnrl.schema import Config, ConfigError
 
 DATA = Path("runs/thesis/data")
@@ -162,14 +158,12 @@ def obtain(planned: Planned, say: Any = print) -> tuple[Run, bool]:
     wanted = content(config)
     digest = hashlib.sha256(json.dumps(wanted, sort_keys=True).encode()).hexdigest()[:12]
     folder = DATA / f"{planned.name.replace('/', '-').replace(',', '-')}-{digest}"
-    if (folder / "summary.json").exists() and json.loads((folder / "content.json").read_text()) == wanted:
+    found = (folder / "config.yaml").exists() and read_summary(folder)["complete"]
+    if found:
         say(f"{planned.name}: found, same configuration, seed, code and versions: {folder}")
-        return Run(folder), True
     folder.mkdir(parents=True, exist_ok=True)
-    write_json(folder / "content.json", wanted)
-    write(folder / "config.yaml", yaml.safe_dump(dataclasses.asdict(config), sort_keys=False))
-    simulate(config, build(config), make_engine(config.engine, config.device, config.threads), folder)
-    return Run(folder), False
+    perform(config, folder)
+    return Run(folder), found
 
 
 def machine() -> str:

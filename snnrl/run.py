@@ -1,133 +1,82 @@
-"""The main job: compose, build, simulate, record, summarise.
+"""The main job from the command line.
 
 python -m snnrl.run +experiment=NAME [robot=NAME] [trials=N] [seconds=S] [seed=K] [engine=...] [device=...]
+python -m snnrl.run resume=RUN_FOLDER
+
+Exit status: 0, or 2 for bad input, 1 for anything else that went wrong, 130 after SIGINT, 143 after SIGTERM.
 """
 
 from __future__ import annotations
 
 import os
-import platform
-import shutil
+import signal
 import sys
-import time
+import threading
 from dataclasses import fields, is_dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import hydra
-import torch
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from snnrl.analysis.criteria import correct
-from snnrl.builder import build
-from snnrl.config import conf_dir, plain
-from snnrl.engines import Engine, make_engine
-from snnrl.loop import Simulation
-from snnrl.record import Recorder, write, write_json
-from snnrl.schema import Config, ConfigError
+from snnrl.config import conf_dir, load, plain
+from snnrl.files import FolderError
+from snnrl.job import Interrupted, perform
+from snnrl.schema import ConfigError
+
+BAD_INPUT = (ConfigError, FolderError, HydraException, OmegaConfBaseException)
 
 
-class Progress:
-    """One line about a run: on a terminal it is redrawn, in a log it is repeated at every tenth."""
+class _Passed(BaseException):
+    """Carries an exception past Hydra, which would print lines of its own about it."""
 
-    def __init__(self, name: str, trials: int, seconds: float) -> None:
-        self.name, self.trials, self.seconds = name, trials, seconds
-        self.started = self.shown = time.perf_counter()
-        self.tenth = 0
-        self.redraws = sys.stderr.isatty()
-
-    def show(self, done: float, rate: float) -> None:
-        """`done` simulated seconds of each trial; `rate` of food per s in the last of them."""
-        now = time.perf_counter()
-        part = min(done / self.seconds, 1.0)
-        due = now - self.shown > 0.2 or part == 1.0 if self.redraws else part * 10 >= self.tenth + 1
-        if not due:
-            return
-        self.shown, self.tenth = now, int(part * 10)
-        wall = now - self.started
-        speed = self.trials * done / wall
-        left = wall * (1.0 - part) / part
-        line = (
-            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {rate:.2f} food/s  "
-            f"{speed / 1000.0:.2f} million trial-ms/s, {speed:,.0f} x real time  {left:.0f} s left"
-        )
-        end = "\r" if self.redraws and part < 1.0 else "\n"
-        print(f"{line:<{shutil.get_terminal_size().columns - 1}}" if self.redraws else line, end=end, file=sys.stderr)
+    def __init__(self, error: Exception) -> None:
+        super().__init__(error)
+        self.error = error
 
 
-def simulate(config: Config, simulation: Simulation, engine: Engine, folder: Path) -> dict[str, Any]:
-    """Run a built simulation to its end; writes its results to `folder` and returns the summary."""
-    tick = simulation.coding.tick
-    ticks = max(1, round(1000 * config.seconds / tick))
-    every = max(1, round(1000 * config.record.every / tick))
-    recorder = Recorder(simulation, folder if config.record.tensorboard else None)
-    progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds)
-    started = time.perf_counter()
-    first = min(round(1000 * config.record.start / tick), ticks)
-    if first:
-        engine.run(simulation, first)
-        recorder.sample()
-    for done in range(first, ticks, every):
-        engine.run(simulation, min(every, ticks - done))
-        rate = recorder.sample()
-        progress.show(int(simulation.network.time) / 1000.0, rate)
-    wall = time.perf_counter() - started
-    rules = config.experiment.correct
-    learnt = correct(simulation.network, rules) if rules else None
-    recorder.save(folder, learnt)
-    food = simulation.world.touches[:, 0].double()
-    summary = {
-        "experiment": config.experiment.name,
-        "robot": config.robot.name,
-        "trials": config.trials,
-        "trial_start": config.trial_start,
-        "seconds": ticks * tick / 1000.0,
-        "seed": config.seed,
-        "engine": engine.name,
-        "device": config.device,
-        "dtype": config.dtype,
-        "food_mean": float(food.mean()),
-        "food_sd": float(food.std()) if config.trials > 1 else None,
-        "correct_fraction": None if learnt is None else float(learnt.double().mean()),
-        "mean_weight": {p.name: float(p.mean_weight().mean()) for p in simulation.network.projections.values()},
-        "wall_s": wall,
-        "trial_ms_per_s": config.trials * ticks * tick / wall,
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("snnrl", "torch", "numpy", "numba", "hydra-core")},
-        },
-    }
-    write_json(folder / "summary.json", summary)
-    return summary
+class JobFailed(Exception):
+    """A job of a sweep has failed; the message says which, why, and how to run it again."""
 
 
-class _Refused(BaseException):
-    """Carries a ConfigError past Hydra, which would print lines of its own about it."""
+FORESEEN = (*BAD_INPUT, JobFailed, Interrupted, OSError, KeyboardInterrupt)
 
 
 def job(composed: DictConfig) -> float:
     """One Hydra job; returns the mean food collected, so that a sweeper can optimise it."""
-    folder = Path(HydraConfig.get().runtime.output_dir)
+    settings = HydraConfig.get()
+    folder = Path(settings.runtime.output_dir)
+    overrides = list(settings.overrides.task)
     try:
-        config = plain(composed)
-        simulation = build(config)
-        engine = make_engine(config.engine, config.device, config.threads)
-    except ConfigError as error:
-        discard(folder)
-        if HydraConfig.get().mode == RunMode.RUN:
-            raise _Refused from error
-        raise
-    if config.threads:
-        torch.set_num_threads(config.threads)
-    write(folder / "config.yaml", OmegaConf.to_yaml(composed, resolve=True))
-    summary = simulate(config, simulation, engine, folder)
+        summary = perform(plain(composed), folder, overrides, share(settings.launcher))
+    except Exception as error:
+        if isinstance(error, ConfigError):
+            discard(folder)
+        if settings.mode == RunMode.RUN or isinstance(error, Interrupted):
+            raise _Passed(error) from error
+        failure = f"job {settings.job.num} ({' '.join(overrides)}): {explain(error)}"
+        print(f"snnrl.run: {failure}", file=sys.stderr)
+        again = f"the same command with hydra.sweep.dir={settings.sweep.dir} does only what is missing"
+        raise JobFailed(f"{failure}; {again}") from error
     report(summary, folder)
     return float(summary["food_mean"])
+
+
+def share(launcher: DictConfig) -> int:
+    """Threads for a job that was not told how many: what its launcher gives it, else 0, one per processor."""
+    told = str(launcher.get("cpus_per_task") or os.environ.get("OMP_NUM_THREADS", ""))  # joblib sets the latter
+    return int(told) if told.isdigit() else 0
+
+
+def resume(folder: Path) -> None:
+    """Go on with the run in a folder."""
+    if not (folder / "config.yaml").is_file():
+        raise FolderError(f"resume={folder}: no run folder (there is no config.yaml in it)")
+    report(perform(load(folder / "config.yaml"), folder), folder)
 
 
 def report(summary: dict[str, Any], folder: Path) -> None:
@@ -143,8 +92,7 @@ def report(summary: dict[str, Any], folder: Path) -> None:
 
 
 def discard(folder: Path) -> None:
-    """Remove the run folder that Hydra has just made, and folders above it in here that are left empty."""
-    shutil.rmtree(folder / ".hydra", ignore_errors=True)
+    """Remove the run folder that Hydra has just made, and folders above it in here, if they are empty."""
     for empty in (folder, *folder.parents):
         if (Path.cwd() not in empty.parents and empty != folder) or any(empty.iterdir()):
             return
@@ -166,20 +114,45 @@ def explain(error: BaseException | None) -> str:
             return f"{cause.full_key}: {text}"
         cause = cause.__cause__
     text, _, _ = str(error).partition("Config search path")
+    if not isinstance(error, (*BAD_INPUT, JobFailed, Interrupted)):
+        text = f"{type(error).__name__}: {text}"
     return " ".join(text.split())
 
 
 def main() -> None:
-    """Run the command line; on bad input one clear line and exit status 2 (all of it with HYDRA_FULL_ERROR=1)."""
+    """Run the command line; on an error one clear line (all of it with HYDRA_FULL_ERROR=1)."""
     wants_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its errors on instead of printing them
+    threading.excepthook = _unless_foreseen
+    resumed = [argument for argument in sys.argv[1:] if argument.startswith("resume=")]
     try:
-        hydra.main(version_base="1.3", config_path=conf_dir(), config_name="config")(job)()
-    except (ConfigError, HydraException, OmegaConfBaseException, _Refused) as error:
-        if wants_traceback:
+        if not resumed:
+            hydra.main(version_base="1.3", config_path=conf_dir(), config_name="config")(job)()
+        elif sys.argv[1:] == resumed[:1]:
+            resume(Path(resumed[0].removeprefix("resume=")))
+        else:
+            raise ConfigError("resume", resumed[0].removeprefix("resume="), "goes alone, its config.yaml says the rest")
+    except (*FORESEEN, _Passed) as caught:
+        error = caught.error if isinstance(caught, _Passed) else caught
+        if wants_traceback or not isinstance(error, FORESEEN):
             raise
-        print(f"snnrl.run: {explain(error.__cause__ if isinstance(error, _Refused) else error)}", file=sys.stderr)
-        sys.exit(2)
+        print(f"snnrl.run: {explain(error)}", file=sys.stderr)
+        sys.exit(status(error))
+
+
+def _unless_foreseen(raised: threading.ExceptHookArgs) -> None:
+    """Print what ended a thread, unless it is the events' writer on a full disk, which `Recorder` will hear of."""
+    if not isinstance(raised.exc_value, OSError):
+        threading.__excepthook__(raised)
+
+
+def status(error: BaseException) -> int:
+    """The exit status for an error."""
+    if isinstance(error, Interrupted):
+        return 128 + error.number
+    if isinstance(error, KeyboardInterrupt):
+        return 128 + signal.SIGINT
+    return 2 if isinstance(error, BAD_INPUT) else 1
 
 
 if __name__ == "__main__":

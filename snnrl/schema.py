@@ -210,6 +210,13 @@ class RecordConfig:
 
 
 @dataclass
+class CheckpointConfig:
+    """How often (simulated s) an unfinished run is saved; 0 or null is never."""
+
+    every: float | None = number(None, least=0.0)
+
+
+@dataclass
 class Config:
     """Everything a run is made from."""
 
@@ -219,6 +226,7 @@ class Config:
     coding: CodingConfig = field(default_factory=CodingConfig)
     world: WorldConfig = field(default_factory=WorldConfig)
     record: RecordConfig = field(default_factory=RecordConfig)
+    checkpoint: CheckpointConfig = field(default_factory=CheckpointConfig)
     trials: int = number(least=1, most=10_000_000)
     trial_start: int = number(0, least=0, most=2**31)
     seconds: float = number(above=0.0, most=1e9)

@@ -21,7 +21,7 @@ from snnrl.analysis.figures import drawings
 from snnrl.analysis.fit import calibration
 from snnrl.analysis.runs import Run
 from snnrl.analysis.statistics import RULE, Sample, Share
-from snnrl.record import write, write_json
+from snnrl.files import write, write_json
 
 TEMPLATES = Path(__file__).with_name("templates")
 SECTIONS = {
