@@ -74,7 +74,8 @@ def test_finished_runs_are_found_by_content_only(
     changed, found = reproduce.obtain(other)
     assert not found
     assert changed.folder != same.folder
-    (changed.folder / "summary.json").unlink()  # as if it had been interrupted
+    summary = json.loads((changed.folder / "summary.json").read_text())
+    (changed.folder / "summary.json").write_text(json.dumps({**summary, "complete": False}))  # as if interrupted
     assert reproduce.obtain(other) == (changed, False)
     monkeypatch.setattr(reproduce, "code_version", lambda: "another")
     assert not reproduce.obtain(small)[1]
