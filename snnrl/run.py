@@ -10,6 +10,7 @@ import platform
 import shutil
 import sys
 import time
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -102,7 +103,7 @@ def simulate(config: Config, simulation: Simulation, engine: Engine, folder: Pat
     return summary
 
 
-class _Refused(BaseException):
+class Refused(BaseException):
     """Carries a ConfigError past Hydra, which would print lines of its own about it."""
 
 
@@ -116,7 +117,7 @@ def job(composed: DictConfig) -> float:
     except ConfigError as error:
         discard(folder)
         if HydraConfig.get().mode == RunMode.RUN:
-            raise _Refused from error
+            raise Refused from error
         raise
     if config.threads:
         torch.set_num_threads(config.threads)
@@ -165,17 +166,21 @@ def explain(error: BaseException | None) -> str:
     return " ".join(text.split())
 
 
-def main() -> None:
-    """Run the command line; on bad input one clear line and exit status 2 (all of it with HYDRA_FULL_ERROR=1)."""
+def launch(job: Callable[[DictConfig], float | None], config: str, program: str) -> None:
+    """Run a Hydra job; on bad input one clear line and exit status 2 (the traceback with HYDRA_FULL_ERROR=1)."""
     wants_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its errors on instead of printing them
     try:
-        hydra.main(version_base="1.3", config_path=conf_dir(), config_name="config")(job)()
-    except (ConfigError, HydraException, OmegaConfBaseException, _Refused) as error:
+        hydra.main(version_base="1.3", config_path=conf_dir(), config_name=config)(job)()
+    except (ConfigError, HydraException, OmegaConfBaseException, Refused) as error:
         if wants_traceback:
             raise
-        print(f"snnrl.run: {explain(error.__cause__ if isinstance(error, _Refused) else error)}", file=sys.stderr)
+        print(f"{program}: {explain(error.__cause__ if isinstance(error, Refused) else error)}", file=sys.stderr)
         sys.exit(2)
+
+
+def main() -> None:
+    launch(job, "config", "snnrl.run")
 
 
 if __name__ == "__main__":
