@@ -3,6 +3,7 @@
     import gymnasium
     import snnrl.environments
 
+    gymnasium.register_envs(snnrl.environments)  # only so that the import is seen to be used
     environments = gymnasium.make_vec("snnrl/Foraging-v0", num_envs=50)
     environment = gymnasium.make("snnrl/FoodContainers-v0", overrides=["world.side=200", "seconds=100"])
 
