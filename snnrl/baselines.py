@@ -100,12 +100,13 @@ class Result:
 
 
 def marks_of(config: Config, samples: int) -> list[int]:
-    """The ticks after which to count: `samples` of them, evenly spread, and the turn of food to poison."""
+    """The ticks after which to count: `samples` of them, evenly spread; the nearest moves to food's turn to poison."""
     tick = config.coding.tick
     ticks = max(1, round(1000 * config.seconds / tick))
     marks = {round(ticks * (k + 1) / samples) for k in range(samples)} - {0}
     if config.world.poison_from is not None:
-        marks.add(math.ceil(round(1000 * config.world.poison_from) / tick))
+        turn = math.ceil(round(1000 * config.world.poison_from) / tick)
+        marks = {mark for mark in marks if abs(mark - turn) >= 0.5 * ticks / samples} | {turn, ticks}
     return sorted(mark for mark in marks if 0 < mark <= ticks)
 
 

@@ -181,7 +181,7 @@ def config_of(*overrides: str) -> Config:
 
 def test_counting_covers_the_task_and_meets_the_turn_to_poison() -> None:
     assert marks_of(config_of(), 4) == [25, 50, 75, 100]
-    assert marks_of(config_of("world.poison_from=3.6"), 4) == [25, 50, 52, 75, 100]  # tick 52 is at 3.64 s
+    assert marks_of(config_of("world.poison_from=3.6"), 4) == [25, 52, 75, 100]  # tick 52 is at 3.64 s
     assert marks_of(config_of("world.poison_from=9"), 1) == [100]
     assert marks_of(config_of(), 1000) == list(range(1, 101))
 
@@ -189,7 +189,7 @@ def test_counting_covers_the_task_and_meets_the_turn_to_poison() -> None:
 def test_items_are_counted_as_food_or_poison_by_when_they_were_taken() -> None:
     config = config_of("world.poison_from=3.6", "trials=30")
     result = collect("food", "braitenberg", config, OPTIONS)
-    assert result.poison.tolist() == [False, False, False, True, True, True]
+    assert result.poison.tolist() == [False, False, False, True, True]
     world, advance = agent_robot(config, "braitenberg", OPTIONS)
     advance(52)
     food = world.touches[:, 0].clone()
