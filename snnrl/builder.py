@@ -40,17 +40,19 @@ def build(config: Config) -> Simulation:
     Raises:
         ConfigError: names the first value that is out of bounds or contradicts another.
     """
-    check_bounds(config)
-    check_contradictions(config)
+    check(config)
     device = torch_device(config.device)
     trials = torch.arange(config.trial_start, config.trial_start + config.trials, device=device)
     draws = Draws(config.seed, trials)
     network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
     coding = build_coding(config.coding, network)
-    world = build_world(config.world, config.coding.tick, draws)
-    if config.world.orbiting:
-        world.start_orbiting(config.coding.slow, config.coding.fast)
-    return Simulation(network, coding, world)
+    return Simulation(network, coding, build_world(config.world, config.coding, draws))
+
+
+def check(config: Config) -> None:
+    """Check all values of a run; raises ConfigError at the first that is out of bounds or contradicts another."""
+    check_bounds(config)
+    check_contradictions(config)
 
 
 def torch_device(name: str) -> torch.device:
@@ -184,9 +186,9 @@ def build_coding(config: CodingConfig, network: Network) -> Coding:
     )
 
 
-def build_world(config: WorldConfig, tick: int, draws: Draws) -> World:
-    """The world of the trials of `draws`."""
-    return World(
+def build_world(config: WorldConfig, coding: CodingConfig, draws: Draws) -> World:
+    """The world of the trials of `draws`, for robots with that tick and those wheel speeds."""
+    world = World(
         draws,
         config.side,
         config.free_items,
@@ -197,9 +199,12 @@ def build_world(config: WorldConfig, tick: int, draws: Draws) -> World:
         config.axle,
         config.container_speed,
         {k: RangeSensor(v.reach, v.measured_to == "border") for k, v in config.ranges.items()},
-        tick,
+        coding.tick,
         None if config.poison_from is None else round(1000 * config.poison_from),
     )
+    if config.orbiting:
+        world.start_orbiting(coding.slow, coding.fast)
+    return world
 
 
 def _one_of(key: str, value: str, names: object) -> None:

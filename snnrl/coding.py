@@ -20,6 +20,17 @@ class Pulse:
     gain: float
 
 
+def wheel_speeds(lead: Tensor, slow: float, fast: float) -> Tensor:
+    """Speeds of the left and the right wheel (cm/s), float64 [B, 2].
+
+    Args:
+        lead: [B], 1 where the left wheel is the fast one (a turn to the right), -1 where the right one is,
+            0 for straight ahead at the speed between.
+    """
+    middle, half = 0.5 * (fast + slow), 0.5 * (fast - slow)
+    return torch.stack([middle + half * lead.double(), middle - half * lead.double()], 1)
+
+
 class Coding(nn.Module):
     """Encodes what the robot senses, explores, and decodes its wheel speeds.
 
@@ -73,9 +84,7 @@ class Coding(nn.Module):
         count = torch.stack([network.spike_count[:, k] for k in self.motor_groups], 1)
         left, right = (count - self.decoded).unbind(1)
         self.decoded.copy_(count)
-        lead = torch.sign(left - right).double()
-        middle, half = 0.5 * (self.fast + self.slow), 0.5 * (self.fast - self.slow)
-        return torch.stack([middle + half * lead, middle - half * lead], 1)
+        return wheel_speeds(torch.sign(left - right), self.slow, self.fast)
 
     def encode(self, network: Network, values: Mapping[str, Tensor], touched: Mapping[str, Tensor]) -> Tensor:
         """The coming tick's currents, [tick, B, N].

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra.core.config_store import ConfigStore
+from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from snnrl.schema import Config, ConfigError
+from snnrl.schema import BaselinesConfig, Config, ConfigError
 
 ConfigStore.instance().store(name="schema", node=Config)
+ConfigStore.instance().store(name="baselines_schema", node=BaselinesConfig)
 
 
 def conf_dir() -> str:
@@ -23,9 +26,16 @@ def conf_dir() -> str:
 
 
 def compose(*overrides: str) -> Config:
-    """The configuration that the command line `python -m snnrl.run OVERRIDES` would get."""
-    with hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
-        return plain(hydra.compose("config", overrides=list(overrides)))
+    """The configuration that the command line `python -m snnrl.run OVERRIDES` would get; also inside a Hydra job."""
+    running = GlobalHydra.instance().hydra
+    GlobalHydra.instance().clear()
+    try:
+        with hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
+            config = plain(hydra.compose("config", overrides=list(overrides)))
+    finally:
+        GlobalHydra.instance().hydra = running
+    assert isinstance(config, Config)
+    return config
 
 
 def load(path: Path) -> Config:
@@ -47,16 +57,14 @@ def dump(config: Config) -> str:
     return OmegaConf.to_yaml(OmegaConf.structured(config))
 
 
-def plain(config: DictConfig) -> Config:
-    """The composed configuration as dataclasses.
+def plain(config: DictConfig) -> Any:
+    """The composed configuration as dataclasses: what its schema in the ConfigStore is.
 
     Raises:
         ConfigError: where a value has no meaning as it stands (a dangling reference, a missing value).
     """
     try:
-        result = OmegaConf.to_object(config)
+        return OmegaConf.to_object(config)
     except OmegaConfBaseException as error:
         message = str(error).splitlines()[0]
         raise ConfigError(error.full_key or "config", "?", message) from error
-    assert isinstance(result, Config)
-    return result

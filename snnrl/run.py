@@ -12,6 +12,7 @@ import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -31,7 +32,7 @@ from snnrl.schema import ConfigError
 BAD_INPUT = (ConfigError, FolderError, HydraException, OmegaConfBaseException)
 
 
-class _Passed(BaseException):
+class Passed(BaseException):
     """Carries an exception past Hydra, which would print lines of its own about it."""
 
     def __init__(self, error: Exception) -> None:
@@ -57,7 +58,7 @@ def job(composed: DictConfig) -> float:
         if isinstance(error, ConfigError):
             discard(folder)
         if settings.mode == RunMode.RUN or isinstance(error, Interrupted):
-            raise _Passed(error) from error
+            raise Passed(error) from error
         failure = f"job {settings.job.num} ({' '.join(overrides)}): {explain(error)}"
         print(f"snnrl.run: {failure}", file=sys.stderr)
         again = f"the same command with hydra.sweep.dir={settings.sweep.dir} does only what is missing"
@@ -119,24 +120,18 @@ def explain(error: BaseException | None) -> str:
     return " ".join(text.split())
 
 
-def main() -> None:
-    """Run the command line; on an error one clear line (all of it with HYDRA_FULL_ERROR=1)."""
+def launch(program: str, start: Callable[[], None]) -> None:
+    """Run a command line; on an error one clear line (all of it with HYDRA_FULL_ERROR=1) and its exit status."""
     wants_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its errors on instead of printing them
     threading.excepthook = _unless_foreseen
-    resumed = [argument for argument in sys.argv[1:] if argument.startswith("resume=")]
     try:
-        if not resumed:
-            hydra.main(version_base="1.3", config_path=conf_dir(), config_name="config")(job)()
-        elif sys.argv[1:] == resumed[:1]:
-            resume(Path(resumed[0].removeprefix("resume=")))
-        else:
-            raise ConfigError("resume", resumed[0].removeprefix("resume="), "goes alone, its config.yaml says the rest")
-    except (*FORESEEN, _Passed) as caught:
-        error = caught.error if isinstance(caught, _Passed) else caught
+        start()
+    except (*FORESEEN, Passed) as caught:
+        error = caught.error if isinstance(caught, Passed) else caught
         if wants_traceback or not isinstance(error, FORESEEN):
             raise
-        print(f"snnrl.run: {explain(error)}", file=sys.stderr)
+        print(f"{program}: {explain(error)}", file=sys.stderr)
         sys.exit(status(error))
 
 
@@ -153,6 +148,26 @@ def status(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         return 128 + signal.SIGINT
     return 2 if isinstance(error, BAD_INPUT) else 1
+
+
+def hydra_job(job: Callable[[DictConfig], float | None], config: str) -> None:
+    """What a Hydra application does, with the configuration of that name."""
+    hydra.main(version_base="1.3", config_path=conf_dir(), config_name=config)(job)()
+
+
+def main() -> None:
+    arguments = sys.argv[1:]
+    resumed = [argument.removeprefix("resume=") for argument in arguments if argument.startswith("resume=")]
+
+    def start() -> None:
+        if not resumed:
+            hydra_job(job, "config")
+        elif len(arguments) == 1:
+            resume(Path(resumed[0]))
+        else:
+            raise ConfigError("resume", resumed[0], "goes alone, its config.yaml says the rest")
+
+    launch("snnrl.run", start)
 
 
 if __name__ == "__main__":

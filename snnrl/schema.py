@@ -237,6 +237,48 @@ class Config:
     threads: int = number(0, least=0, most=4096)  # 0 is one per processor
 
 
+@dataclass
+class BraitenbergConfig:
+    """See `snnrl.agents.Braitenberg`."""
+
+    exploration: float = number(least=0.0, most=1.0)
+
+
+@dataclass
+class QLearningConfig:
+    """See `snnrl.agents.QLearning`."""
+
+    bins: int = number(least=1, most=100)
+    rate: float = number(above=0.0, most=1.0)
+    discount: float = number(least=0.0, most=1.0)
+    exploration: float = number(least=0.0, most=1.0)
+
+
+@dataclass
+class SarsaLambdaConfig(QLearningConfig):
+    """See `snnrl.agents.SarsaLambda`."""
+
+    trace: float = number(least=0.0, most=1.0)
+
+
+@dataclass
+class BaselinesConfig:
+    """A comparison of agents: each task is what one would give to `snnrl.run`.
+
+    `trials` and `seconds` are those of each task unless given.
+    """
+
+    tasks: dict[str, list[str]] = table()
+    agents: list[str] = MISSING
+    braitenberg: BraitenbergConfig = field(default_factory=BraitenbergConfig)
+    q_learning: QLearningConfig = field(default_factory=QLearningConfig)
+    sarsa_lambda: SarsaLambdaConfig = field(default_factory=SarsaLambdaConfig)
+    trials: int | None = number(None, least=1, most=10_000_000)
+    seconds: float | None = number(None, above=0.0, most=1e9)
+    seed: int = number(0, least=0, most=2**63 - 1)
+    samples: int = number(least=1, most=1_000_000)  # points in time of each task's series
+
+
 def check_bounds(config: Any, key: str = "") -> None:
     """Check every value of a dataclass, recursively, against the bounds of its field.
 

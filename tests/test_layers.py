@@ -29,9 +29,9 @@ def importers(module: str) -> set[str]:
 
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
-    assert importers("hydra") == {"run.py", "config.py"}
+    assert importers("hydra") == {"run.py", "baselines.py", "config.py"}
     assert importers("optuna") == {"calibrate.py"}
-    assert importers("omegaconf") == {"run.py", "config.py", "schema.py"}
+    assert importers("omegaconf") == {"run.py", "baselines.py", "config.py", "schema.py"}
 
 
 def test_only_the_recorder_knows_tensorboard() -> None:
@@ -40,6 +40,11 @@ def test_only_the_recorder_knows_tensorboard() -> None:
 
 def test_only_the_fused_engine_knows_numba() -> None:
     assert all(path.startswith("engines/fused/") for path in importers("numba"))
+
+
+def test_only_the_environments_know_gymnasium() -> None:
+    assert importers("gymnasium") == {"environments.py"}
+    assert importers("stable_baselines3") == set()
 
 
 def test_network_and_world_know_nothing_of_each_other() -> None:

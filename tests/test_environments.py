@@ -1,0 +1,218 @@
+"""Gymnasium's view of the world is the spiking robot's world, reproducible and within Gymnasium's contract."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, VectorEnv
+from helpers import make_simulation, place
+
+import snnrl.environments
+from snnrl.engines import make_engine
+from snnrl.foraging import LEFT, RIGHT, STRAIGHT
+from snnrl.schema import ConfigError
+from snnrl.world import TOUCHES
+
+NAMES = {"snnrl/Foraging-v0": 3, "snnrl/FoodContainers-v0": 7}  # numbers of sensors
+
+
+def make(name: str = "snnrl/Foraging-v0", num_envs: int = 3, **options: Any) -> Any:
+    return gymnasium.make_vec(name, num_envs=num_envs, **options)
+
+
+def play(environments: VectorEnv, steps: int) -> list[tuple[np.ndarray, ...]]:
+    """Observation, reward, termination and truncation of steps with actions that depend on the step alone."""
+    width = environments.num_envs
+    return [environments.step((np.arange(width) + k) // 5 % 3)[:4] for k in range(steps)]
+
+
+def equal(one: list[tuple[np.ndarray, ...]], other: list[tuple[np.ndarray, ...]]) -> bool:
+    return all(np.array_equal(a, b) for x, y in zip(one, other, strict=True) for a, b in zip(x, y, strict=True))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("continuous", [False, True])
+def test_a_single_environment_keeps_gymnasiums_contract(name: str, continuous: bool) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*symmetric and normalized.*")  # wheel speeds are in cm/s
+        check_env(gymnasium.make(name, continuous=continuous).unwrapped)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_spaces_and_declared_autoreset(name: str) -> None:
+    environments = make(name, 4)
+    assert environments.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    assert environments.single_observation_space.shape == (NAMES[name],)
+    assert environments.single_action_space == gymnasium.spaces.Discrete(3)
+    observation, info = environments.reset(seed=1)
+    assert observation in environments.observation_space
+    assert info["trial"].tolist() == [0, 1, 2, 3]
+    assert environments.step(environments.action_space.sample())[0] in environments.observation_space
+    speeds = make(name, continuous=True).single_action_space
+    assert speeds.low.tolist() == [25.0, 25.0]
+    assert speeds.high.tolist() == pytest.approx([31.2, 31.2])
+
+
+def test_the_module_can_be_named_with_the_environment() -> None:
+    assert gymnasium.make("snnrl.environments:snnrl/Foraging-v0").observation_space.shape == (3,)
+
+
+def test_the_same_seed_gives_the_same_episodes_and_another_gives_others() -> None:
+    environments, again = make(overrides=["seconds=1.4"]), make(overrides=["seconds=1.4"])
+    first, other = environments.reset(seed=7)[0], again.reset(seed=7)[0]
+    assert np.array_equal(first, other)
+    run = play(environments, 50)  # 20 steps an episode
+    assert equal(run, play(again, 50))
+    assert np.array_equal(environments.reset(seed=7)[0], first)
+    assert equal(run, play(environments, 50))
+    assert not np.array_equal(environments.reset(seed=8)[0], first)
+    assert not np.array_equal(make().reset()[0], make().reset()[0])  # unseeded
+
+
+def test_an_episode_is_the_trial_of_its_number_whoever_plays_it() -> None:
+    together = make("snnrl/FoodContainers-v0", 3)
+    together.reset(seed=5)
+    alone = gymnasium.make("snnrl/FoodContainers-v0", overrides=["trial_start=1"]).unwrapped
+    _, info = alone.reset(seed=5)
+    assert info["trial"] == 1
+    for k in range(300):
+        observations, rewards, *_ = together.step(np.full(3, k // 20 % 3))
+        observation, reward, *_ = alone.step(k // 20 % 3)
+        assert np.array_equal(observations[1], observation)
+        assert rewards[1] == reward
+    assert alone.reset()[1]["trial"] == 2
+
+
+def test_all_environments_are_truncated_together_and_reset_by_the_next_step() -> None:
+    environments = make(num_envs=2, overrides=["seconds=0.35"])
+    start, _ = environments.reset(seed=0)
+    for k in range(5):
+        last, _, terminated, truncated, _ = environments.step(np.ones(2, dtype=int))
+        assert truncated.tolist() == [k == 4] * 2
+        assert not terminated.any()
+    observation, reward, terminated, truncated, info = environments.step(np.ones(2, dtype=int))
+    assert info["trial"].tolist() == [2, 3]
+    assert not terminated.any()
+    assert not truncated.any()
+    assert reward.tolist() == [0, 0]
+    fresh = make(num_envs=2, overrides=["trial_start=2"])
+    assert np.array_equal(observation, fresh.reset(seed=0)[0])  # the action was not played
+    assert not np.array_equal(observation, start)
+    assert not np.array_equal(observation, last)
+    assert environments.reset(seed=0)[1]["trial"].tolist() == [0, 1]
+
+
+def test_a_single_environment_goes_on_to_the_next_trial() -> None:
+    environment = gymnasium.make("snnrl/Foraging-v0", overrides=["seconds=0.14"])
+    assert environment.reset(seed=0)[1] == {"trial": 0}
+    assert not environment.step(STRAIGHT)[3]
+    assert environment.step(STRAIGHT)[3]
+    assert environment.reset()[1] == {"trial": 1}
+
+
+@pytest.mark.parametrize(
+    ("experiment", "robot", "overrides"),
+    [("food_attraction", "learning", ["world.poison_from=21"]), ("dual_learning", "benchmark", [])],
+)
+def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, robot: str, overrides: list[str]) -> None:
+    trials, ticks = 3, 600
+    simulation = make_simulation(
+        f"+experiment={experiment}", f"robot={robot}", f"trials={trials}", "seed=3", *overrides
+    )
+    engine = make_engine("fused", "cpu", 1)
+    environments = snnrl.environments.ForagingVectorEnv(trials, experiment, overrides)
+    environments.reset(seed=3)
+    motors = simulation.coding.motor_groups
+    total, least = np.zeros(trials), 0.0
+    for _ in range(ticks):
+        unread = simulation.network.spike_count[:, motors] - simulation.coding.decoded
+        lead = torch.sign(unread[:, 0] - unread[:, 1])
+        engine.run(simulation, 1)
+        observation, reward, *_ = environments.step((STRAIGHT + lead).numpy())
+        assert torch.equal(environments.foraging.world.touches, simulation.world.touches)
+        seen = np.concatenate([simulation.world.sense()[name].numpy() for name in simulation.coding.ranges], 1)
+        np.testing.assert_allclose(observation[:, : seen.shape[1]], seen, atol=1e-6)
+        total, least = total + reward, min(least, reward.min())
+    touches = simulation.world.touches
+    assert int(touches[:, 0].min()) > 0
+    if overrides:
+        assert least == -1
+        assert np.all(np.abs(total) < touches[:, 0].numpy())
+    else:
+        assert total.tolist() == touches[:, 0].tolist()
+        assert int(touches[:, TOUCHES.index("food_container")].min()) > 0
+
+
+def test_choices_turn_the_robot_to_the_side_of_their_name() -> None:
+    environments = make(num_envs=3)
+    environments.reset(seed=0)
+    world = environments.unwrapped.foraging.world
+    for trial in range(3):
+        place(world, (50.0, 50.0), heading=1.0, items=[(0.0, 0.0)] * 20, trial=trial)
+    environments.step(np.array([LEFT, STRAIGHT, RIGHT]))
+    assert world.heading.tolist() == pytest.approx([1.0 + 6.2 * 0.07, 1.0, 1.0 - 6.2 * 0.07], abs=1e-12)
+
+
+def test_wheel_speeds_drive_the_robot() -> None:
+    environments = make(num_envs=2, continuous=True)
+    environments.reset(seed=0)
+    before = environments.unwrapped.foraging.world.heading.clone()
+    environments.step(np.array([[26.0, 30.0], [28.0, 28.0]], dtype=np.float32))
+    turned = environments.unwrapped.foraging.world.heading - before
+    assert turned.remainder(2 * torch.pi).tolist() == pytest.approx([4.0 * 0.07, 0.0], abs=1e-9)
+
+
+def test_touches_are_observed_when_they_happen_and_food_is_worth_one() -> None:
+    environments = make("snnrl/FoodContainers-v0", 1, overrides=["world.food_containers=1"])
+    environments.reset(seed=0)
+    world = environments.unwrapped.foraging.world
+    place(world, (85.0, 100.0), items=[(100.0, 100.0)], containers=[(100.0, 100.0)])
+    seen = [environments.step(np.array([STRAIGHT])) for _ in range(16)]
+    felt, reward = np.stack([s[0][0, 4:] for s in seen]), [float(s[1][0]) for s in seen]
+    food, food_container, empty_container = felt.T
+    assert food_container.tolist() == [1.0] + [0.0] * 15
+    assert empty_container.sum() == 0
+    assert food.sum() == 1
+    assert reward == food.tolist()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"overrides": ["seed=3"]}, "overrides=seed=3: is given to reset"),
+        ({"overrides": ["trials=3"]}, "overrides=trials=3: is num_envs"),
+        ({"overrides": ["world.side=10"]}, "world.side=10.0: must be at least"),
+        ({"num_envs": 0}, "num_envs=0: must be at least 1"),
+    ],
+)
+def test_bad_options_are_refused_by_name(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message.replace("(", r"\(")):
+        make(**options)
+
+
+def test_an_action_outside_its_space_is_refused() -> None:
+    environments = make(num_envs=2)
+    environments.reset(seed=0)
+    with pytest.raises(ValueError, match="must be in MultiDiscrete"):
+        environments.step(np.array([0, 3]))
+
+
+def test_the_example_trains_ppo() -> None:
+    pytest.importorskip("stable_baselines3", reason='needs pip install "snnrl[rl]"')
+    example = Path(__file__).parents[1] / "examples" / "ppo.py"
+    options = ["--steps", "1", "--trials", "2", "--seconds", "3.5"]
+    done = subprocess.run(
+        [sys.executable, str(example), *options], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "reward" in done.stdout
