@@ -25,11 +25,13 @@ from omegaconf.errors import OmegaConfBaseException
 
 from snnrl.analysis.criteria import correct
 from snnrl.builder import build
-from snnrl.config import conf_dir, plain
+from snnrl.config import conf_dir, guarded, plain
 from snnrl.engines import Engine, make_engine
 from snnrl.loop import Simulation
 from snnrl.record import Recorder, write, write_json
 from snnrl.schema import Config, ConfigError
+
+LONGEST = 500  # characters of an error's line
 
 
 class Progress:
@@ -149,6 +151,11 @@ def discard(folder: Path) -> None:
 
 def explain(error: BaseException | None) -> str:
     """A configuration error in one line: key, value, what is allowed."""
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in _explanation(error).strip())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+
+
+def _explanation(error: BaseException | None) -> str:
     cause = error
     while cause is not None:
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
@@ -170,7 +177,8 @@ def main() -> None:
     wants_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its errors on instead of printing them
     try:
-        hydra.main(version_base="1.3", config_path=conf_dir(), config_name="config")(job)()
+        with guarded():
+            hydra.main(version_base="1.3", config_path=conf_dir(), config_name="config")(job)()
     except (ConfigError, HydraException, OmegaConfBaseException, _Refused) as error:
         if wants_traceback:
             raise

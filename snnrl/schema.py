@@ -232,8 +232,13 @@ def check_bounds(config: Any, key: str = "") -> None:
     """Check every value of a dataclass, recursively, against the bounds of its field.
 
     Raises:
-        ConfigError: at the first value that is missing, not finite or out of bounds.
+        ConfigError: at the first value that is missing, not finite or out of bounds, or that no field is for
+            (Hydra's + adds keys to anything).
     """
+    known = [item.name for item in dataclasses.fields(config)]
+    for name, value in vars(config).items():
+        if name not in known:
+            raise ConfigError(f"{key}{name}", value, f"no such key; allowed here: {', '.join(known)}")
     for item in dataclasses.fields(config):
         value, name = getattr(config, item.name), f"{key}{item.name}"
         if dataclasses.is_dataclass(value):
@@ -255,6 +260,8 @@ def _check(name: str, value: Any, bounds: Any) -> None:
         raise ConfigError(name, value, "must be a finite number")
     if (choices := bounds.get("choices")) and value not in choices:
         raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
+    if isinstance(value, dict):
+        raise ConfigError(name, value, "must be a single value")
     if value is None or isinstance(value, (str, list)):
         return
     limits = [
