@@ -42,7 +42,10 @@ def guarded() -> Iterator[None]:
     load = ConfigLoaderImpl.load_configuration
 
     def checked(self: ConfigLoaderImpl, *args: Any, **kwargs: Any) -> DictConfig:
-        config = load(self, *args, **kwargs)
+        try:
+            config = load(self, *args, **kwargs)
+        except RecursionError:
+            raise ConfigError("configuration", "...", "is nested too deeply") from None
         for group, choice in config.hydra.runtime.choices.items():
             if choice is not None and (".." in PurePath(choice).parts or PurePath(choice).is_absolute()):
                 raise ConfigError(group, choice, "must be a name inside the folder of configurations")

@@ -101,7 +101,7 @@ class DopamineConfig:
     tau: float = number(above=0.0)
     release: float = MISSING
     delay: int = number(least=1, most=1000)
-    threshold: int = number(least=0)
+    threshold: int = number(least=0, most=2**31)
 
 
 @dataclass
@@ -174,7 +174,7 @@ class WorldConfig:
     axle: float = number(above=0.0)
     container_speed: float = number(above=0.0)
     ranges: dict[str, SensorConfig] = table()
-    poison_from: float | None = number(None, least=0.0)  # s
+    poison_from: float | None = number(None, least=0.0, most=1e9)  # s
     orbiting: bool = False  # robots start on an orbit round the first item
 
 
@@ -262,6 +262,8 @@ def _check(name: str, value: Any, bounds: Any) -> None:
         raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
     if isinstance(value, dict):
         raise ConfigError(name, value, "must be a single value")
+    if isinstance(value, list) and not all(isinstance(part, str) for part in value):
+        raise ConfigError(name, value, "must be a list of names")
     if value is None or isinstance(value, (str, list)):
         return
     limits = [

@@ -162,7 +162,7 @@ def added(draw: random.Random, tree: Tree, path: tuple[Any, ...]) -> None:
 
 def nested(draw: random.Random, tree: Tree, path: tuple[Any, ...]) -> None:
     value = parent(tree, path)[path[-1]]
-    for _ in range(draw.choice([1, 2, 50])):
+    for _ in range(draw.choice([1, 2, 20])):
         value = draw.choice([[value], {"a": value}])
     parent(tree, path)[path[-1]] = value
 

@@ -190,6 +190,15 @@ def test_a_configuration_reaches_nothing_outside(override: str, message: str, tm
         build(compose_config(*experiment, override.format(outside=outside)))
 
 
+def test_a_file_that_is_nested_too_deeply_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "experiment").mkdir()
+    deep = "{a: " * 150 + "1" + "}" * 150
+    (tmp_path / "experiment" / "deep.yaml").write_text(f"# @package _global_\nexperiment:\n  correct: {deep}\n")
+    with pytest.raises(REFUSALS) as caught:
+        build(compose_config(f"hydra.searchpath=[file://{tmp_path}]", "+experiment=deep"))
+    assert len(explain(caught.value)) <= LONGEST + 5
+
+
 def test_the_package_executes_nothing_that_it_reads() -> None:
     forbidden = {"eval", "exec", "compile", "__import__", "pickle", "marshal", "shelve", "instantiate", "unsafe_load"}
     for path in Path(snnrl.__file__).parent.rglob("*.py"):
