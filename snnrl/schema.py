@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 from omegaconf import MISSING
 
@@ -239,8 +239,12 @@ def check_bounds(config: Any, key: str = "") -> None:
     for name, value in vars(config).items():
         if name not in known:
             raise ConfigError(f"{key}{name}", value, f"no such key; allowed here: {', '.join(known)}")
+    hints = get_type_hints(type(config))
     for item in dataclasses.fields(config):
         value, name = getattr(config, item.name), f"{key}{item.name}"
+        for part in (hints[item.name], *get_args(hints[item.name])):
+            if dataclasses.is_dataclass(part):
+                _check_nodes(name, value, part)
         if dataclasses.is_dataclass(value):
             check_bounds(value, f"{name}.")
         elif isinstance(value, dict):
@@ -251,6 +255,15 @@ def check_bounds(config: Any, key: str = "") -> None:
                     _check(f"{name}.{part}", inner, {})
         else:
             _check(name, value, item.metadata)
+
+
+def _check_nodes(name: str, value: Any, kind: Any) -> None:
+    """A reference (${...}) may have put anything where a dataclass, or a dictionary of them, belongs."""
+    nodes = value if isinstance(value, dict) else {} if value is None else {"": value}
+    for part, node in nodes.items():
+        if not isinstance(node, kind):
+            allowed = ", ".join(item.name for item in dataclasses.fields(kind))
+            raise ConfigError(f"{name}.{part}".rstrip("."), node, f"must hold {allowed}")
 
 
 def _check(name: str, value: Any, bounds: Any) -> None:
