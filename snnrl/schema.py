@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from omegaconf import MISSING
 
@@ -242,6 +242,9 @@ def check_bounds(config: Any, key: str = "") -> None:
     hints = get_type_hints(type(config))
     for item in dataclasses.fields(config):
         value, name = getattr(config, item.name), f"{key}{item.name}"
+        container = get_origin(hints[item.name])
+        if container in (dict, list) and not isinstance(value, container) and value != MISSING:
+            raise ConfigError(name, value, f"must be a {'table' if container is dict else 'list'}")
         for part in (hints[item.name], *get_args(hints[item.name])):
             if dataclasses.is_dataclass(part):
                 _check_nodes(name, value, part)
