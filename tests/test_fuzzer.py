@@ -163,7 +163,8 @@ print(grown / sum(memory.of_network(network, 1).values()))
 
 @pytest.mark.skipif(sys.platform != "linux", reason="ru_maxrss is in other units elsewhere")
 def test_the_estimate_of_memory_is_not_too_low_and_not_far_too_high() -> None:
-    done = subprocess.run([sys.executable, "-c", MEASURE], capture_output=True, text=True, timeout=300, check=True)
+    for _ in range(2):  # the first may compile, which takes more memory than the network
+        done = subprocess.run([sys.executable, "-c", MEASURE], capture_output=True, text=True, timeout=300, check=True)
     assert 0.4 < float(done.stdout) < 1.0
 
 
