@@ -30,9 +30,9 @@ from snnrl.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
 from snnrl.builder import build, check, torch_device
 from snnrl.config import plain
 from snnrl.engines import make_engine
+from snnrl.files import write
 from snnrl.foraging import Foraging
 from snnrl.random import Draws
-from snnrl.files import write
 from snnrl.run import Passed, discard, hydra_job, launch
 from snnrl.schema import BaselinesConfig, Config, ConfigError, check_bounds
 from snnrl.world import World

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
+from snnrl import memory
 from snnrl.coding import Coding, Pulse
 from snnrl.homeostasis import Homeostasis
 from snnrl.loop import Simulation
@@ -31,6 +32,7 @@ from snnrl.synapses import Plasticity, Projection
 from snnrl.world import TOUCHES, RangeSensor, World
 
 UNTAUGHT = RobotConfig(name="untaught")
+RESERVED = frozenset(dir(nn.ModuleDict()))
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -41,6 +43,7 @@ def build(config: Config) -> Simulation:
         ConfigError: names the first value that is out of bounds or contradicts another.
     """
     check(config)
+    memory.check(memory.of_run(config))
     device = torch_device(config.device)
     trials = torch.arange(config.trial_start, config.trial_start + config.trials, device=device)
     draws = Draws(config.seed, trials)
@@ -81,6 +84,7 @@ def build_network(
     """
     check_bounds(config, "network.")
     check_network(config, robot)
+    memory.check(memory.of_network(config, len(draws.trials)))
     groups = [_group(name, group, config.neurons[group.neuron], draws, dtype) for name, group in config.groups.items()]
     projections = [
         _projection(name, projection, config, robot, draws, dtype) for name, projection in config.projections.items()
@@ -212,14 +216,23 @@ def _one_of(key: str, value: str, names: object) -> None:
         raise ConfigError(key, value, f"must be one of {', '.join(names)}")  # type: ignore[arg-type]
 
 
+def _module_name(key: str, name: str) -> None:
+    if not name.isprintable() or not name or "." in name or name in RESERVED:
+        raise ConfigError(
+            key, name, "cannot be a name; it must be printable, without dots, and no attribute of a module"
+        )
+
+
 def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
     """Names that must exist, weights that must fit; raises ConfigError."""
     for name, group in config.groups.items():
+        _module_name("network.groups", name)
         _one_of(f"network.groups.{name}.neuron", group.neuron, config.neurons)
     if not config.groups:
         raise ConfigError("network.groups", "{}", "a network needs at least one group")
     for name, projection in config.projections.items():
         key = f"network.projections.{name}"
+        _module_name("network.projections", name)
         _one_of(f"{key}.pre", projection.pre, config.groups)
         _one_of(f"{key}.post", projection.post, config.groups)
         _one_of(f"{key}.synapse", projection.synapse, config.synapses)
@@ -271,6 +284,7 @@ def check_contradictions(config: Config) -> None:
         raise ConfigError("world.orbiting", True, "needs world.free_items of at least 1 and coding.slow < coding.fast")
     for name, eye in world.ranges.items():
         _one_of("world.ranges", name, ("food", "container"))
+        _one_of("world.ranges", name, coding.ranges)
         radius = world.item_radius if name == "food" else world.container_radius
         needed = 2 * (eye.reach + radius)
         if world.side < needed:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePath
 from typing import Any
 
 import hydra
+from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
 from omegaconf import DictConfig, OmegaConf
@@ -16,6 +19,12 @@ from snnrl.schema import BaselinesConfig, Config, ConfigError
 
 ConfigStore.instance().store(name="schema", node=Config)
 ConfigStore.instance().store(name="baselines_schema", node=BaselinesConfig)
+# what the names that make objects may begin with
+ALLOWED: dict[Any, tuple[str, ...]] = {
+    "_target_": ("hydra._internal.core_plugins.", "hydra_plugins."),
+    "class": ("logging.",),
+    "()": ("colorlog.",),
+}
 
 
 def conf_dir() -> str:
@@ -25,12 +34,50 @@ def conf_dir() -> str:
     return str(installed if installed.is_dir() else here.parent / "conf")
 
 
+@contextmanager
+def guarded() -> Iterator[None]:
+    """While this lasts, what Hydra composes is checked before Hydra acts on it.
+
+    Raises:
+        ConfigError: where a choice leaves the folder of its group, or an object is to be made that is
+            neither Hydra's own nor of one of its plugins.
+    """
+    load = ConfigLoaderImpl.load_configuration
+
+    def checked(self: ConfigLoaderImpl, *args: Any, **kwargs: Any) -> DictConfig:
+        try:
+            config = load(self, *args, **kwargs)
+        except RecursionError:
+            raise ConfigError("configuration", "...", "is nested too deeply") from None
+        for group, choice in config.hydra.runtime.choices.items():
+            if choice is not None and (".." in PurePath(choice).parts or PurePath(choice).is_absolute()):
+                raise ConfigError(group, choice, "must be a name inside the folder of configurations")
+        _check_objects(OmegaConf.to_container(config.hydra, resolve=False), "hydra")
+        return config
+
+    ConfigLoaderImpl.load_configuration = checked  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        ConfigLoaderImpl.load_configuration = load  # type: ignore[method-assign]
+
+
+def _check_objects(node: Any, key: str) -> None:
+    """`_target_` is Hydra's way to name a callable; `()` and `class` are those of its logging."""
+    parts = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
+    for name, value in parts:
+        path = f"{key}.{name}"
+        if name in ALLOWED and not str(value).startswith(ALLOWED[name]):
+            raise ConfigError(path, value, f"must begin with {' or '.join(ALLOWED[name]) or 'nothing: not allowed'}")
+        _check_objects(value, path)
+
+
 def compose(*overrides: str) -> Config:
     """The configuration that the command line `python -m snnrl.run OVERRIDES` would get; also inside a Hydra job."""
     running = GlobalHydra.instance().hydra
     GlobalHydra.instance().clear()
     try:
-        with hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
+        with guarded(), hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
             config = plain(hydra.compose("config", overrides=list(overrides)))
     finally:
         GlobalHydra.instance().hydra = running

@@ -24,12 +24,14 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from snnrl.config import conf_dir, load, plain
+from snnrl.config import conf_dir, guarded, load, plain
 from snnrl.files import FolderError
 from snnrl.job import Interrupted, perform
 from snnrl.schema import ConfigError
 
 BAD_INPUT = (ConfigError, FolderError, HydraException, OmegaConfBaseException)
+
+LONGEST = 500  # characters of an error's line
 
 
 class Passed(BaseException):
@@ -102,6 +104,11 @@ def discard(folder: Path) -> None:
 
 def explain(error: BaseException | None) -> str:
     """A configuration error in one line: key, value, what is allowed."""
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in _explanation(error).strip())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+
+
+def _explanation(error: BaseException | None) -> str:
     cause = error
     while cause is not None:
         if isinstance(cause, OmegaConfBaseException) and cause.full_key:
@@ -152,7 +159,8 @@ def status(error: BaseException) -> int:
 
 def hydra_job(job: Callable[[DictConfig], float | None], config: str) -> None:
     """What a Hydra application does, with the configuration of that name."""
-    hydra.main(version_base="1.3", config_path=conf_dir(), config_name=config)(job)()
+    with guarded():
+        hydra.main(version_base="1.3", config_path=conf_dir(), config_name=config)(job)()
 
 
 def main() -> None:

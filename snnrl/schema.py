@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, get_args, get_origin, get_type_hints
 
 from omegaconf import MISSING
 
@@ -101,7 +101,7 @@ class DopamineConfig:
     tau: float = number(above=0.0)
     release: float = MISSING
     delay: int = number(least=1, most=1000)
-    threshold: int = number(least=0)
+    threshold: int = number(least=0, most=2**31)
 
 
 @dataclass
@@ -174,7 +174,7 @@ class WorldConfig:
     axle: float = number(above=0.0)
     container_speed: float = number(above=0.0)
     ranges: dict[str, SensorConfig] = table()
-    poison_from: float | None = number(None, least=0.0)  # s
+    poison_from: float | None = number(None, least=0.0, most=1e9)  # s
     orbiting: bool = False  # robots start on an orbit round the first item
 
 
@@ -283,10 +283,22 @@ def check_bounds(config: Any, key: str = "") -> None:
     """Check every value of a dataclass, recursively, against the bounds of its field.
 
     Raises:
-        ConfigError: at the first value that is missing, not finite or out of bounds.
+        ConfigError: at the first value that is missing, not finite or out of bounds, or that no field is for
+            (Hydra's + adds keys to anything).
     """
+    known = [item.name for item in dataclasses.fields(config)]
+    for name, value in vars(config).items():
+        if name not in known:
+            raise ConfigError(f"{key}{name}", value, f"no such key; allowed here: {', '.join(known)}")
+    hints = get_type_hints(type(config))
     for item in dataclasses.fields(config):
         value, name = getattr(config, item.name), f"{key}{item.name}"
+        container = get_origin(hints[item.name])
+        if container in (dict, list) and not isinstance(value, container) and value != MISSING:
+            raise ConfigError(name, value, f"must be a {'table' if container is dict else 'list'}")
+        for part in (hints[item.name], *get_args(hints[item.name])):
+            if dataclasses.is_dataclass(part):
+                _check_nodes(name, value, part)
         if dataclasses.is_dataclass(value):
             check_bounds(value, f"{name}.")
         elif isinstance(value, dict):
@@ -299,6 +311,15 @@ def check_bounds(config: Any, key: str = "") -> None:
             _check(name, value, item.metadata)
 
 
+def _check_nodes(name: str, value: Any, kind: Any) -> None:
+    """A reference (${...}) may have put anything where a dataclass, or a dictionary of them, belongs."""
+    nodes = value if isinstance(value, dict) else {} if value is None else {"": value}
+    for part, node in nodes.items():
+        if not isinstance(node, kind):
+            allowed = ", ".join(item.name for item in dataclasses.fields(kind))
+            raise ConfigError(f"{name}.{part}".rstrip("."), node, f"must hold {allowed}")
+
+
 def _check(name: str, value: Any, bounds: Any) -> None:
     if isinstance(value, str) and value == MISSING:
         raise ConfigError(name, value, "a value must be given")
@@ -306,6 +327,10 @@ def _check(name: str, value: Any, bounds: Any) -> None:
         raise ConfigError(name, value, "must be a finite number")
     if (choices := bounds.get("choices")) and value not in choices:
         raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
+    if isinstance(value, dict):
+        raise ConfigError(name, value, "must be a single value")
+    if isinstance(value, list) and not all(isinstance(part, str) for part in value):
+        raise ConfigError(name, value, "must be a list of names")
     if value is None or isinstance(value, (str, list)):
         return
     limits = [

@@ -95,7 +95,7 @@ class FusedEngine:
             "weight": synapses.weight,
             "eligibility": synapses.eligibility,
             "level": network.pending.new_zeros(network.trials) if dopamine is None else dopamine.level,
-            "released": network.spike_count[:, :1] if dopamine is None else dopamine.released,
+            "released": network.spike_count.new_zeros(network.trials, 1) if dopamine is None else dopamine.released,
             "trials": network.draws.trials,
         }
         for key in ("v", "u", "a", "b", "c", "d", "last_spike"):
