@@ -59,7 +59,7 @@ def simulate(experiment: str, robot: str, values: Mapping[str, Any], trials: int
         options.pop(CONTAINERS, None)
     config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
     simulation = build(config)
-    make_engine("auto", config.device).run(simulation, round(1000 * config.seconds / config.coding.tick))
+    make_engine("auto", config.device).run(simulation, round(1000 * config.seconds / simulation.coding.tick))
     return simulation, config
 
 

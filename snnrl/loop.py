@@ -1,11 +1,15 @@
-"""The closed loop of network and world; the one place where they meet."""
+"""The closed loop of a network and its world, or its task; the one place where they meet."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import torch
 from torch import Tensor, nn
 
 from snnrl.coding import Coding
 from snnrl.network import Network
+from snnrl.task import Task
 from snnrl.world import World
 
 
@@ -36,3 +40,30 @@ class Simulation(nn.Module):
         touched = world.step(wheels, network.time)
         current = self.coding.encode(network, world.sense(), touched)
         network.run(current, world.sign(network.time).to(network.dtype), raster)
+
+
+class TaskSimulation(nn.Module):
+    """A batch of networks with a task each; its state_dict is the whole dynamic state."""
+
+    def __init__(self, network: Network, task: Task) -> None:
+        super().__init__()
+        self.network, self.task = network, task
+
+    @property
+    def trials(self) -> int:
+        return self.network.trials
+
+    def run(self, run_network: Callable[..., None], ticks: int) -> None:
+        """As many ticks, on an engine's `run_network`; the one definition of a tick's order.
+
+        1. The task gives the currents and the dopamine of the tick.
+        2. The network runs for the length of the tick.
+        3. The task sees who fired.
+        """
+        fired = torch.zeros(
+            self.task.tick, self.trials, self.network.size, dtype=torch.bool, device=self.network.device
+        )
+        for _ in range(ticks):
+            current, reward = self.task.begin(self.network)
+            run_network(self.network, current, None, fired, reward)
+            self.task.finish(self.network, fired)

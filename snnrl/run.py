@@ -24,11 +24,12 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from snnrl.analysis.criteria import correct
-from snnrl.builder import build
+from snnrl.builder import build, build_task
 from snnrl.config import conf_dir, plain
 from snnrl.engines import Engine, make_engine
-from snnrl.loop import Simulation
+from snnrl.loop import Simulation, TaskSimulation
 from snnrl.record import Recorder, write, write_json
+from snnrl.record_task import TaskRecorder
 from snnrl.schema import Config, ConfigError
 
 
@@ -41,8 +42,8 @@ class Progress:
         self.tenth = 0
         self.redraws = sys.stderr.isatty()
 
-    def show(self, done: float, rate: float) -> None:
-        """`done` simulated seconds of each trial; `rate` of food per s in the last of them."""
+    def show(self, done: float, state: str) -> None:
+        """`done` simulated seconds of each trial; `state` is what they came to."""
         now = time.perf_counter()
         part = min(done / self.seconds, 1.0)
         due = now - self.shown > 0.2 or part == 1.0 if self.redraws else part * 10 >= self.tenth + 1
@@ -53,7 +54,7 @@ class Progress:
         speed = self.trials * done / wall
         left = wall * (1.0 - part) / part
         line = (
-            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {rate:.2f} food/s  "
+            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {state}  "
             f"{speed / 1000.0:.2f} million trial-ms/s, {speed:,.0f} x real time  {left:.0f} s left"
         )
         end = "\r" if self.redraws and part < 1.0 else "\n"
@@ -71,7 +72,7 @@ def simulate(config: Config, simulation: Simulation, engine: Engine, folder: Pat
     for done in range(0, ticks, every):
         engine.run(simulation, min(every, ticks - done))
         rate = recorder.sample()
-        progress.show(int(simulation.network.time) / 1000.0, rate)
+        progress.show(int(simulation.network.time) / 1000.0, f"{rate:.2f} food/s")
     wall = time.perf_counter() - started
     rules = config.experiment.correct
     learnt = correct(simulation.network, rules) if rules else None
@@ -93,10 +94,7 @@ def simulate(config: Config, simulation: Simulation, engine: Engine, folder: Pat
         "mean_weight": {p.name: float(p.mean_weight().mean()) for p in simulation.network.projections.values()},
         "wall_s": wall,
         "trial_ms_per_s": config.trials * ticks * tick / wall,
-        "versions": {
-            "python": platform.python_version(),
-            **{name: version(name) for name in ("snnrl", "torch", "numpy", "numba", "hydra-core")},
-        },
+        "versions": versions(),
     }
     write_json(folder / "summary.json", summary)
     return summary
@@ -111,7 +109,7 @@ def job(composed: DictConfig) -> float:
     folder = Path(HydraConfig.get().runtime.output_dir)
     try:
         config = plain(composed)
-        simulation = build(config)
+        simulation = build(config) if config.task is None else build_task(config)
         engine = make_engine(config.engine, config.device, config.threads)
     except ConfigError as error:
         discard(folder)
@@ -121,6 +119,8 @@ def job(composed: DictConfig) -> float:
     if config.threads:
         torch.set_num_threads(config.threads)
     write(folder / "config.yaml", OmegaConf.to_yaml(composed, resolve=True))
+    if isinstance(simulation, TaskSimulation):
+        return simulate_task(config, simulation, engine, folder)
     summary = simulate(config, simulation, engine, folder)
     report(summary, folder)
     return float(summary["food_mean"])
@@ -136,6 +136,53 @@ def report(summary: dict[str, Any], folder: Path) -> None:
         print(f"  learnt           {learnt:.0%} of trials")
     print(f"  took             {summary['wall_s']:.1f} s, {summary['trial_ms_per_s'] / 1e6:.2f} million trial-ms/s")
     print(f"  results          {folder}")
+
+
+def simulate_task(config: Config, simulation: TaskSimulation, engine: Engine, folder: Path) -> float:
+    """Run a built task to its end, write its results to `folder` and print them; returns the mean of rewards."""
+    if engine.name == "fused":
+        torch.set_num_threads(1)  # what is left to torch is small; more threads only wait for each other
+    tick = simulation.task.tick
+    ticks = max(1, round(1000 * config.seconds / tick))
+    every = max(1, round(1000 * config.record.every / tick))
+    recorder = TaskRecorder(simulation, folder if config.record.tensorboard else None)
+    progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds)
+    started = time.perf_counter()
+    for done in range(0, ticks, every):
+        simulation.run(engine.run_network, min(every, ticks - done))
+        recorder.sample()
+        rewards = float(simulation.task.reward.given.double().mean())
+        progress.show(int(simulation.network.time) / 1000.0, f"{rewards:.1f} rewards")
+    wall = time.perf_counter() - started
+    results = recorder.save(folder)
+    summary = {
+        "experiment": config.experiment.name,
+        "robot": config.robot.name,
+        "trials": config.trials,
+        "trial_start": config.trial_start,
+        "seconds": ticks * tick / 1000.0,
+        "seed": config.seed,
+        "engine": engine.name,
+        "device": config.device,
+        "dtype": config.dtype,
+        **results,
+        "wall_s": wall,
+        "trial_ms_per_s": config.trials * ticks * tick / wall,
+        "versions": versions(),
+    }
+    write_json(folder / "summary.json", summary)
+    print(f"{config.experiment.name}, {config.robot.name}: {config.trials} trials x {summary['seconds']:.0f} s")
+    for key, value in results.items():
+        print(f"  {key.replace('_', ' '):<16} {value:.4g}")
+    print(f"  took             {wall:.1f} s")
+    print(f"  results          {folder}")
+    return results["rewards"]
+
+
+def versions() -> dict[str, str]:
+    """Of what a run depends on."""
+    packages = ("snnrl", "torch", "numpy", "numba", "hydra-core")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
 
 
 def discard(folder: Path) -> None:
