@@ -35,7 +35,8 @@ def draw_reinforcement(series: Series) -> bytes:
     figure, (left, right) = _panels()
     time = series["time"]
     left.plot(time, series["max_weight"][:, 0], color=EXTREME, label="largest other")
-    left.plot(time, series["chosen_weight"][:, 1:], color=CHOSEN, alpha=0.25, linewidth=0.8)
+    for k, weight in enumerate(series["chosen_weight"][:, 1:].T):
+        left.plot(time, weight, color=CHOSEN, alpha=0.3, linewidth=0.9, label=None if k else "that of other trials")
     left.plot(time, series["chosen_weight"][:, 0], color=CHOSEN, linewidth=2, label="reinforced synapse")
     left.plot(time, series["mean_weight"][:, 0], color=REST, linewidth=2, label="mean of the others")
     earned = np.diff(series["rewards"][:, 0]) > 0
