@@ -101,11 +101,12 @@ class Result:
 
 def marks_of(config: Config, samples: int) -> list[int]:
     """The ticks after which to count: `samples` of them, evenly spread; the nearest moves to food's turn to poison."""
-    tick = config.coding.tick
+    coding, world = config.body()
+    tick = coding.tick
     ticks = max(1, round(1000 * config.seconds / tick))
     marks = {round(ticks * (k + 1) / samples) for k in range(samples)} - {0}
-    if config.world.poison_from is not None:
-        turn = math.ceil(round(1000 * config.world.poison_from) / tick)
+    if world.poison_from is not None:
+        turn = math.ceil(round(1000 * world.poison_from) / tick)
         marks = {mark for mark in marks if abs(mark - turn) >= 0.5 * ticks / samples} | {turn, ticks}
     return sorted(mark for mark in marks if 0 < mark <= ticks)
 
@@ -122,7 +123,7 @@ def agent_robot(config: Config, name: str, options: BaselinesConfig) -> tuple[Wo
     trials = torch.arange(config.trial_start, config.trial_start + config.trials, device=config.device)
     draws = Draws(config.seed, trials)
     body = Foraging(config, draws)
-    agent = AGENTS[name](draws, len(config.coding.ranges), options)
+    agent = AGENTS[name](draws, len(body.coding.ranges), options)
     reward = torch.zeros(len(trials), dtype=torch.float64, device=trials.device)
 
     def advance(ticks: int) -> None:
@@ -140,8 +141,9 @@ def collect(task: str, agent: str, config: Config, options: BaselinesConfig) -> 
     for before, mark in zip([0, *marks], marks, strict=False):
         advance(mark - before)
         counts.append(world.touches[:, 0].cpu().clone())
-    poison_from = math.inf if config.world.poison_from is None else config.world.poison_from
-    tick = config.coding.tick / 1000.0
+    coding, described = config.body()
+    poison_from = math.inf if described.poison_from is None else described.poison_from
+    tick = coding.tick / 1000.0
     return Result(
         task,
         agent,

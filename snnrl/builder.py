@@ -1,4 +1,4 @@
-"""From descriptions to state: a `NetworkConfig` to a `Network`, a `Config` to a `Simulation`."""
+"""From descriptions to state: a `NetworkConfig` to a `Network`, a `Config` to a `Simulation` or `TaskSimulation`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import Tensor, nn
 from snnrl import memory
 from snnrl.coding import Coding, Pulse
 from snnrl.homeostasis import Homeostasis
-from snnrl.loop import Simulation
+from snnrl.loop import Simulation, TaskSimulation
 from snnrl.modulators import Dopamine
 from snnrl.network import Network
 from snnrl.neurons import NeuronGroup
@@ -24,11 +24,14 @@ from snnrl.schema import (
     NeuronConfig,
     ProjectionConfig,
     RobotConfig,
+    StimuliConfig,
     SynapseConfig,
+    TaskConfig,
     WorldConfig,
     check_bounds,
 )
 from snnrl.synapses import Plasticity, Projection
+from snnrl.task import Coincidence, Reward, Stimuli, Task
 from snnrl.world import TOUCHES, RangeSensor, World
 
 UNTAUGHT = RobotConfig(name="untaught")
@@ -37,25 +40,43 @@ DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
 def build(config: Config) -> Simulation:
-    """The whole closed loop of a run.
+    """The whole closed loop of a robot.
 
     Raises:
         ConfigError: names the first value that is out of bounds or contradicts another.
     """
     check(config)
     memory.check(memory.of_run(config))
-    device = torch_device(config.device)
-    trials = torch.arange(config.trial_start, config.trial_start + config.trials, device=device)
-    draws = Draws(config.seed, trials)
+    coding, world = config.body()
+    draws = _draws(config)
     network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
-    coding = build_coding(config.coding, network)
-    return Simulation(network, coding, build_world(config.world, config.coding, draws))
+    return Simulation(network, build_coding(coding, network), build_world(world, coding, draws))
 
 
 def check(config: Config) -> None:
     """Check all values of a run; raises ConfigError at the first that is out of bounds or contradicts another."""
     check_bounds(config)
     check_contradictions(config)
+
+
+def build_task(config: Config) -> TaskSimulation:
+    """The whole closed loop of a task.
+
+    Raises:
+        ConfigError: names the first value that is out of bounds or contradicts another.
+    """
+    check_bounds(config)
+    check_task(config)
+    memory.check(memory.of_run(config))
+    assert config.task is not None
+    draws = _draws(config)
+    network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
+    return TaskSimulation(network, _task(config.task, network))
+
+
+def _draws(config: Config) -> Draws:
+    first = config.trial_start
+    return Draws(config.seed, torch.arange(first, first + config.trials, device=torch_device(config.device)))
 
 
 def torch_device(name: str) -> torch.device:
@@ -96,7 +117,13 @@ def build_network(
         draws,
         config.synaptic_gain,
         Plasticity(
-            rule.potentiation, rule.depression, rule.tau_plus, rule.tau_minus, rule.tau_eligibility, rule.weight_max
+            rule.potentiation,
+            rule.depression,
+            rule.tau_plus,
+            rule.tau_minus,
+            rule.tau_eligibility,
+            rule.weight_max,
+            rule.simultaneous,
         ),
         None if config.dopamine is None else _dopamine(config.dopamine, draws, dtype),
         {} if config.homeostasis is None else _homeostasis(config.homeostasis, projections),
@@ -158,7 +185,12 @@ def _projection(
     kind: SynapseConfig = network.synapses[config.synapse]
     shape = (len(draws.trials), network.groups[config.pre].size, network.groups[config.post].size)
     pairs = shape[1] * shape[2]
-    connected = draws.at_start(stream("connections", name), pairs) < kind.probability
+    drawn = draws.at_start(stream("connections", name), pairs).view(shape)
+    if kind.fan_out is not None:
+        connected = _smallest(drawn, kind.fan_out)
+    else:
+        assert kind.probability is not None
+        connected = drawn < kind.probability
     weight = kind.weight + kind.spread * draws.at_start(stream("weights", name), pairs)
     if config.role in robot.weights:
         weight = torch.full_like(weight, robot.weights[config.role])
@@ -166,11 +198,44 @@ def _projection(
         name,
         config.pre,
         config.post,
-        connected.view(shape),
+        connected,
         weight.view(shape).to(dtype),
         kind.plastic and robot.learning and config.role not in robot.fixed,
         kind.delay,
         config.role,
+    )
+
+
+def _smallest(drawn: Tensor, count: int) -> Tensor:
+    """Which values are among the `count` smallest of their row (the last dimension), bool of the same shape."""
+    chosen = torch.zeros_like(drawn, dtype=torch.bool)
+    return chosen.scatter_(-1, drawn.argsort(dim=-1, stable=True)[..., :count], True)
+
+
+def _task(config: TaskConfig, network: Network) -> Task:
+    coincidence, reward = config.coincidence, config.reward
+    return Task(
+        config.tick,
+        Reward(reward.amount, reward.shortest, reward.longest, config.tick, network.draws.trials),
+        None if config.stimuli is None else _stimuli(config.stimuli, network),
+        None
+        if coincidence is None
+        else Coincidence(network, coincidence.projection, coincidence.window, coincidence.weight),
+    )
+
+
+def _stimuli(config: StimuliConfig, network: Network) -> Stimuli:
+    spans = [network.groups[name].span for name in config.groups]
+    neurons = torch.cat([torch.arange(span.start, span.stop, device=network.device) for span in spans])
+    drawn = network.draws.at_start(stream("stimulated"), config.count * len(neurons))
+    order = drawn.view(network.trials, config.count, len(neurons)).argsort(dim=-1, stable=True)
+    return Stimuli(
+        neurons[order[..., : config.size]].sort(-1).values,
+        config.current,
+        config.shortest,
+        config.longest,
+        config.window,
+        config.rewarded,
     )
 
 
@@ -237,11 +302,19 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
         _one_of(f"{key}.post", projection.post, config.groups)
         _one_of(f"{key}.synapse", projection.synapse, config.synapses)
     for name, kind in config.synapses.items():
+        if (kind.probability is None) == (kind.fan_out is None):
+            key, value = f"network.synapses.{name}.probability", kind.probability
+            raise ConfigError(key, value, "either probability or fan_out must be given")
         largest = config.plasticity.weight_max
         if kind.plastic and not (0 <= kind.weight <= largest and 0 <= kind.weight + kind.spread <= largest):
             reach = f"{kind.weight:g} to {kind.weight + kind.spread:g}"
             raise ConfigError(f"network.synapses.{name}.weight", reach, f"plastic weights are in [0, {largest:g}]")
-    if config.dopamine is not None:
+    for name, projection in config.projections.items():
+        fan_out, targets = config.synapses[projection.synapse].fan_out, config.groups[projection.post].size
+        if fan_out is not None and fan_out > targets:
+            allowed = f"must be at most {targets}, the size of {projection.post} (in {name})"
+            raise ConfigError(f"network.synapses.{projection.synapse}.fan_out", fan_out, allowed)
+    if config.dopamine is not None and config.dopamine.source is not None:
         _one_of("network.dopamine.source", config.dopamine.source, config.groups)
     roles = sorted({projection.role for projection in config.projections.values()} - {""})
     used: dict[str, str] = {}
@@ -262,6 +335,11 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
 
 def check_contradictions(config: Config) -> None:
     """Values that are each allowed but do not fit together; raises ConfigError."""
+    if config.task is not None:
+        raise ConfigError("task", "...", "a robot has none; a task is built by build_task")
+    if config.coding is None or config.world is None:
+        missing = "coding" if config.coding is None else "world"
+        raise ConfigError(missing, None, "must be given where there is no task")
     _one_of("robot", config.robot.name, config.experiment.robots)
     check_network(config.network, config.robot)
     groups, coding, world = config.network.groups, config.coding, config.world
@@ -296,3 +374,53 @@ def check_contradictions(config: Config) -> None:
         if not {f"{taxis}_attraction", f"{taxis}_avoidance"} <= roles:
             allowed = "needs projections with the roles NAME_attraction and NAME_avoidance"
             raise ConfigError("experiment.correct", taxis, allowed)
+
+
+def check_task(config: Config) -> None:
+    """The same for a task in place of coding and world; raises ConfigError."""
+    task, network = config.task, config.network
+    for key in ("coding", "world"):
+        if getattr(config, key) is not None:
+            raise ConfigError(key, "...", "must be null where there is a task")
+    if task is None:
+        raise ConfigError("task", None, "must be given")
+    _one_of("robot", config.robot.name, config.experiment.robots)
+    check_network(network, config.robot)
+    if config.experiment.correct:
+        raise ConfigError("experiment.correct", config.experiment.correct, "is for robots, not for tasks")
+    if network.dopamine is None:
+        raise ConfigError("network.dopamine", None, "must be given for a task, whose reward is dopamine")
+    if task.stimuli is None and task.coincidence is None:
+        raise ConfigError("task.stimuli", None, "a task needs stimuli or a coincidence")
+    if task.reward.shortest > task.reward.longest:
+        allowed = f"must be at most task.reward.longest={task.reward.longest}"
+        raise ConfigError("task.reward.shortest", task.reward.shortest, allowed)
+    if task.stimuli is not None:
+        _check_stimuli(task.stimuli, network)
+    if task.coincidence is not None:
+        plastic = [name for name, p in network.projections.items() if network.synapses[p.synapse].plastic]
+        _one_of("task.coincidence.projection", task.coincidence.projection, plastic)
+        if task.coincidence.weight > network.plasticity.weight_max:
+            allowed = f"must be in [0, {network.plasticity.weight_max:g}]"
+            raise ConfigError("task.coincidence.weight", task.coincidence.weight, allowed)
+        if task.reward.shortest < task.tick:
+            allowed = f"must be at least task.tick={task.tick}, after which a coincidence is noticed"
+            raise ConfigError("task.reward.shortest", task.reward.shortest, allowed)
+
+
+def _check_stimuli(stimuli: StimuliConfig, network: NetworkConfig) -> None:
+    for name in stimuli.groups:
+        _one_of("task.stimuli.groups", name, network.groups)
+    neurons = sum(network.groups[name].size for name in set(stimuli.groups))
+    if len(set(stimuli.groups)) < len(stimuli.groups) or not stimuli.groups:
+        raise ConfigError("task.stimuli.groups", stimuli.groups, "must name groups, each once")
+    if stimuli.size > neurons:
+        raise ConfigError("task.stimuli.size", stimuli.size, f"must be at most {neurons}, the neurons of its groups")
+    if stimuli.shortest > stimuli.longest:
+        allowed = f"must be at most task.stimuli.longest={stimuli.longest}"
+        raise ConfigError("task.stimuli.shortest", stimuli.shortest, allowed)
+    if stimuli.window >= stimuli.shortest:
+        allowed = f"must be less than task.stimuli.shortest={stimuli.shortest}"
+        raise ConfigError("task.stimuli.window", stimuli.window, allowed)
+    if stimuli.rewarded >= stimuli.count:
+        raise ConfigError("task.stimuli.rewarded", stimuli.rewarded, f"must be less than count={stimuli.count}")

@@ -85,11 +85,11 @@ def present() -> dict[str, Any]:
 def simulate(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> tuple[Simulation, Any]:
     """One cell's run at its published length."""
     options = {"trials": trials, "seed": seed, "robot": robot, **values}
-    if "container" not in compose(f"+experiment={experiment}").world.ranges:
+    if "container" not in compose(f"+experiment={experiment}").body()[1].ranges:
         options.pop(CONTAINERS, None)
     config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
     simulation = build(config)
-    make_engine("auto", config.device).run(simulation, round(1000 * config.seconds / config.coding.tick))
+    make_engine("auto", config.device).run(simulation, round(1000 * config.seconds / simulation.coding.tick))
     return simulation, config
 
 
@@ -100,11 +100,12 @@ def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
     config = compose("+experiment=orbit", *(f"{key}={value}" for key, value in options.items()))
     simulation, engine = build(config), make_engine("auto", config.device)
     times = torch.full((trials,), torch.nan, dtype=torch.float64)
-    limit = escape_rule(config.coding.slow, config.coding.fast, config.coding.tick, config.world.axle)
-    for k in range(round(1000 * config.seconds / config.coding.tick)):
+    coding, world = config.body()
+    limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
+    for k in range(round(1000 * config.seconds / coding.tick)):
         engine.run(simulation, 1)
         left = (simulation.world.nearest_item() > limit) | (simulation.world.touches[:, 0] > 0)
-        times = torch.where(left & times.isnan(), (k + 1) * config.coding.tick / 1000, times)
+        times = torch.where(left & times.isnan(), (k + 1) * coding.tick / 1000, times)
     return times
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import torch
 
 from snnrl.files import FolderError, write
-from snnrl.loop import Simulation
+from snnrl.loop import Simulation, TaskSimulation
 from snnrl.schema import Config
 
 FILE = "checkpoint.pt"
@@ -77,7 +77,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> None:
     write(folder / FILE, f"snnrl checkpoint {FORMAT} {hashlib.sha256(content).hexdigest()}\n".encode() + content)
 
 
-def load(folder: Path, config: Config, simulation: Simulation) -> Checkpoint | None:
+def load(folder: Path, config: Config, simulation: Simulation | TaskSimulation) -> Checkpoint | None:
     """Bring a fresh simulation to the state of the folder's checkpoint; None if it has none.
 
     Raises:

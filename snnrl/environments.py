@@ -81,7 +81,7 @@ class ForagingVectorEnv(VectorEnv):
         self.config = compose(f"+experiment={experiment}", *overrides)
         check(self.config)
         self.device = torch_device(self.config.device)
-        coding = self.config.coding
+        coding, _ = self.config.body()
         self.num_envs, self.continuous = num_envs, continuous
         self.length = max(1, round(1000 * self.config.seconds / coding.tick))  # ticks
         sensors = 2 * len(coding.ranges) + len(coding.touches)

@@ -30,11 +30,11 @@ class Foraging:
     """
 
     def __init__(self, config: Config, draws: Draws) -> None:
-        if not config.coding.ranges:
+        self.coding, world = config.body()
+        if not self.coding.ranges:
             raise ConfigError("coding.ranges", "{}", "an agent needs at least one range sensor")
-        self.coding = config.coding
-        self.world = build_world(config.world, config.coding, draws)
-        self.felt = [TOUCHES.index(name) for name in config.coding.touches]
+        self.world = build_world(world, self.coding, draws)
+        self.felt = [TOUCHES.index(name) for name in self.coding.touches]
         device = draws.trials.device
         self.touched = torch.zeros(len(draws.trials), len(self.felt), dtype=torch.bool, device=device)
         self.time = torch.zeros((), dtype=torch.int64, device=device)

@@ -24,14 +24,14 @@ from typing import Any
 import torch
 
 from snnrl import checkpoint
-from snnrl.analysis.criteria import correct
-from snnrl.builder import build
+from snnrl.builder import build, build_task
 from snnrl.checkpoint import Checkpoint, difference, settings
 from snnrl.config import dump, load
 from snnrl.engines import Engine, make_engine
 from snnrl.files import FolderError, owned, write, write_json
-from snnrl.loop import Simulation
+from snnrl.loop import Simulation, TaskSimulation
 from snnrl.record import Recorder, keep_events
+from snnrl.record_task import TaskRecorder
 from snnrl.schema import Config
 
 SLICE = 0.5  # s of wall time between two looks for a signal
@@ -81,8 +81,8 @@ class Progress:
         self.tenth = 0
         self.redraws = sys.stderr.isatty()
 
-    def show(self, done: float, rate: float) -> None:
-        """`done` simulated seconds of each trial; `rate` of food per s in the last of them."""
+    def show(self, done: float, state: str) -> None:
+        """`done` simulated seconds of each trial; `state` is what they came to."""
         now = time.perf_counter()
         part = min(done / self.seconds, 1.0)
         due = now - self.shown > 0.2 or part == 1.0 if self.redraws else part * 10 >= self.tenth + 1
@@ -93,7 +93,7 @@ class Progress:
         speed = self.trials * done / wall
         left = wall * (1.0 - part) / part
         line = (
-            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {rate:.2f} food/s  "
+            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {state}  "
             f"{speed / 1000.0:.2f} million trial-ms/s, {speed:,.0f} x real time  {left:.0f} s left"
         )
         end = "\r" if self.redraws and part < 1.0 else "\n"
@@ -116,10 +116,12 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
         Interrupted: SIGINT or SIGTERM came; the state is saved.
         OSError: something could not be written; what was saved before is as it was.
     """
-    simulation = build(config)
+    simulation = build(config) if config.task is None else build_task(config)
     threads = config.threads or threads
     engine = make_engine(config.engine, config.device, threads)
-    if threads:
+    if config.task is not None and engine.name == "fused":
+        torch.set_num_threads(1)  # what is left to torch is small; more threads only wait for each other
+    elif threads:
         torch.set_num_threads(threads)
     with owned(folder), Signals() as signals:
         begun = (folder / "config.yaml").exists()
@@ -183,15 +185,25 @@ def description(config: Config) -> dict[str, Any]:
 
 
 def simulate(
-    config: Config, simulation: Simulation, engine: Engine, folder: Path, saved: Checkpoint | None, signals: Signals
+    config: Config,
+    simulation: Simulation | TaskSimulation,
+    engine: Engine,
+    folder: Path,
+    saved: Checkpoint | None,
+    signals: Signals,
 ) -> None:
     """Run a simulation from where it is to its end, and write its results to `folder`."""
-    tick = simulation.coding.tick
+    tick = simulation.tick_length
     ticks, sampled, saves = (
         max(1, round(1000 * seconds / tick)) if seconds else 0
         for seconds in (config.seconds, config.record.every, config.checkpoint.every)
     )
-    recorder = Recorder(simulation, folder if config.record.tensorboard else None, saved.recorder if saved else None)
+    events, begun = folder if config.record.tensorboard else None, saved.recorder if saved else None
+    recorder: Recorder | TaskRecorder
+    if isinstance(simulation, TaskSimulation):
+        recorder = TaskRecorder(simulation, events, begun)
+    else:
+        recorder = Recorder(simulation, events, begun)
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds)
     progress.started -= saved.wall if saved else 0.0
     first = round(1000 * config.record.start / tick)
@@ -199,12 +211,11 @@ def simulate(
     while done < ticks:
         part = min(pace, sampled - (done - first) % sampled, *(n - done % n for n in (ticks, saves) if n))
         began = time.perf_counter()
-        engine.run(simulation, part)
+        simulation.advance(engine, part)
         done += part
         pace = pace * 2 if time.perf_counter() - began < SLICE else max(1, pace // 2)
         if (done >= first and (done - first) % sampled == 0) or done == ticks:
-            rate = recorder.sample()
-            progress.show(done * tick / 1000.0, rate)
+            progress.show(done * tick / 1000.0, recorder.sample())
         if signals.received or (saves and done % saves == 0):
             wall = time.perf_counter() - progress.started
             checkpoint.save(folder, Checkpoint(settings(config), simulation.state_dict(), recorder.state_dict(), wall))
@@ -212,19 +223,14 @@ def simulate(
             at = f"at {done * tick / 1000.0:g} of {config.seconds:g} s"
             raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
     wall = time.perf_counter() - progress.started
-    rules = config.experiment.correct
-    learnt = correct(simulation.network, rules) if rules else None
-    recorder.save(folder, learnt)
-    food = simulation.world.touches[:, 0].double()
+    results = recorder.save(folder, config.experiment.correct)
     summary = {
         **description(config),
         "overrides": read_summary(folder)["overrides"],
         "complete": True,
         "seconds": ticks * tick / 1000.0,
         "engine": engine.name,
-        "food_mean": float(food.mean()),
-        "food_sd": float(food.std()) if config.trials > 1 else None,
-        "correct_fraction": None if learnt is None else float(learnt.double().mean()),
+        "results": results,
         "mean_weight": {p.name: float(p.mean_weight().mean()) for p in simulation.network.projections.values()},
         "wall_s": wall,
         "trial_ms_per_s": config.trials * ticks * tick / wall,

@@ -1,12 +1,19 @@
-"""The closed loop of network and world; the one place where they meet."""
+"""The closed loop of a network and its world, or its task; the one place where they meet."""
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import torch
 from torch import Tensor, nn
 
 from snnrl.coding import Coding
 from snnrl.network import Network
+from snnrl.task import Task
 from snnrl.world import World
+
+if TYPE_CHECKING:
+    from snnrl.engines import Engine
 
 
 class Simulation(nn.Module):
@@ -19,6 +26,15 @@ class Simulation(nn.Module):
     @property
     def trials(self) -> int:
         return self.network.trials
+
+    @property
+    def tick_length(self) -> int:
+        """ms."""
+        return self.coding.tick
+
+    def advance(self, engine: Engine, ticks: int) -> None:
+        """As many ticks on an engine."""
+        engine.run(self, ticks)
 
     def act_and_sense(self) -> tuple[Tensor, Tensor]:
         """The part of a control tick that takes no time; the one definition of its order.
@@ -42,3 +58,35 @@ class Simulation(nn.Module):
         `raster`, bool [tick, B, N], is filled with who fired.
         """
         self.network.run(*self.act_and_sense(), raster)
+
+
+class TaskSimulation(nn.Module):
+    """A batch of networks with a task each; its state_dict is the whole dynamic state."""
+
+    def __init__(self, network: Network, task: Task) -> None:
+        super().__init__()
+        self.network, self.task = network, task
+
+    @property
+    def trials(self) -> int:
+        return self.network.trials
+
+    @property
+    def tick_length(self) -> int:
+        """ms."""
+        return self.task.tick
+
+    def advance(self, engine: Engine, ticks: int) -> None:
+        """As many ticks on an engine; the one definition of a tick's order.
+
+        1. The task gives the currents and the dopamine of the tick.
+        2. The network runs for the length of the tick.
+        3. The task sees who fired.
+        """
+        fired = torch.zeros(
+            self.task.tick, self.trials, self.network.size, dtype=torch.bool, device=self.network.device
+        )
+        for _ in range(ticks):
+            current, reward = self.task.begin(self.network)
+            engine.run_network(self.network, current, None, fired, reward)
+            self.task.finish(self.network, fired)

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 
-from snnrl.schema import Config, ConfigError, NetworkConfig
+from snnrl.schema import Config, ConfigError, NetworkConfig, ProjectionConfig
 
 # Bytes, measured as the growth of the process and rounded up; tests/test_fuzzer.py holds them against it.
 PAIR = 200  # of a projection's neurons, while the projection is drawn
@@ -37,6 +37,15 @@ def check(parts: Mapping[str, float]) -> None:
         )
 
 
+def _joined(config: NetworkConfig, projection: ProjectionConfig) -> float:
+    """The part of a projection's pairs that have a synapse."""
+    kind = config.synapses[projection.synapse]
+    if kind.fan_out is not None:
+        return kind.fan_out / config.groups[projection.post].size
+    assert kind.probability is not None
+    return kind.probability
+
+
 def of_network(config: NetworkConfig, trials: int) -> dict[str, float]:
     """Estimated bytes by key."""
     groups = config.groups
@@ -45,7 +54,7 @@ def of_network(config: NetworkConfig, trials: int) -> dict[str, float]:
         for name, item in config.projections.items()
     }
     parts = {
-        f"network.projections.{name}": pairs[name] * (SYNAPSE * config.synapses[item.synapse].probability)
+        f"network.projections.{name}": pairs[name] * SYNAPSE * _joined(config, item)
         for name, item in config.projections.items()
     }
     if pairs:
@@ -63,15 +72,18 @@ def of_network(config: NetworkConfig, trials: int) -> dict[str, float]:
 
 def of_run(config: Config) -> dict[str, float]:
     """Estimated bytes by key: the network, the world, a tick's currents and what is recorded."""
-    network, world, trials = config.network, config.world, config.trials
+    network, trials = config.network, config.trials
     neurons = sum(group.size for group in network.groups.values())
     followed = sum(bool(projection.role) for projection in network.projections.values())
-    samples = config.seconds / max(min(config.record.every, config.seconds), config.coding.tick / 1000.0)
-    return {
+    tick = config.coding.tick if config.coding is not None else config.task.tick if config.task is not None else 1
+    samples = config.seconds / max(min(config.record.every, config.seconds), tick / 1000.0)
+    parts = {
         **of_network(network, trials),
-        "world.free_items": float(trials) * world.free_items * OBJECT,
-        "world.food_containers": float(trials) * world.food_containers * OBJECT,
-        "world.empty_containers": float(trials) * world.empty_containers * OBJECT,
-        "coding.tick": 0.0 if config.engine != "reference" else float(trials) * config.coding.tick * neurons * CURRENT,
-        "record.every": samples * trials * VALUE * (2 + len(network.groups) + 2 * followed),
+        "record.every": samples * trials * VALUE * (6 + len(network.groups) + 2 * followed),
     }
+    if config.engine == "reference" or config.task is not None:
+        parts["task.tick" if config.task is not None else "coding.tick"] = float(trials) * tick * neurons * CURRENT
+    if config.world is not None:
+        for name in ("free_items", "food_containers", "empty_containers"):
+            parts[f"world.{name}"] = float(trials) * getattr(config.world, name) * OBJECT
+    return parts

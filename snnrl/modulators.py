@@ -1,4 +1,4 @@
-"""Dopamine: a level per trial, raised by bursts of the dopaminergic group."""
+"""Dopamine: a level per trial, raised by bursts of the dopaminergic group and by rewards from outside."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class Dopamine(nn.Module):
     """The level of dopamine of every trial (thesis 3.7).
 
     Args:
-        source: name of the dopaminergic group.
+        source: name of the dopaminergic group; None where all dopamine comes from outside.
         trials: B.
         baseline: level without any release (uM); a negative one acts as hunger.
         tau: decay towards the baseline (ms).
@@ -30,7 +30,7 @@ class Dopamine(nn.Module):
 
     def __init__(
         self,
-        source: str,
+        source: str | None,
         trials: int,
         baseline: float,
         tau: float,
@@ -47,14 +47,16 @@ class Dopamine(nn.Module):
         self.register_buffer("level", torch.full((trials,), baseline, dtype=dtype, device=device))
         self.register_buffer("released", torch.zeros(trials, delay, dtype=torch.int64, device=device))
 
-    def step(self, spikes: Tensor, sign: Tensor, time: Tensor) -> None:
+    def step(self, spikes: Tensor, sign: Tensor, time: Tensor, reward: Tensor | None = None) -> None:
         """Take this ms's spike counts [B] into the delay line and bring the level up to date.
 
-        `sign` [B] is -1 where a release lowers the level (poison), else +1.
+        `sign` [B] is -1 where a release lowers the level (poison), else +1. `reward` [B] (uM) is dopamine
+        from outside.
         """
         slot = (time % self.delay).expand(len(spikes), 1)
         arrived = self.released.gather(1, slot)[:, 0]
         self.released.scatter_(1, slot, spikes[:, None])
         counted = torch.where(arrived > self.threshold, arrived, 0).to(self.level.dtype)
         level = self.baseline + (self.level - self.baseline) * self.decay
-        self.level.copy_(level + sign * (self.release * counted))
+        level = level + sign * (self.release * counted)
+        self.level.copy_(level if reward is None else level + reward)

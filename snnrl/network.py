@@ -193,28 +193,44 @@ class Network(nn.Module):
                 current[:, :, group.span] = group.current
         return current
 
-    def run(self, injected: Tensor, sign: Tensor | None = None, raster: Tensor | None = None) -> None:
+    def run(
+        self,
+        injected: Tensor,
+        sign: Tensor | None = None,
+        raster: Tensor | None = None,
+        reward: Tensor | None = None,
+    ) -> None:
         """Step through as many ms as `injected` has rows, in plain torch (the reference).
 
         Args:
             injected: current from outside, [T, B, N].
             sign: [B] of the network's dtype, -1 where dopamine is released with a negative sign; +1 if None.
             raster: bool [T, B, N] to be filled with who fired.
+            reward: dopamine released from outside (uM), [T, B]; none if None.
+
+        Raises:
+            ValueError: for a reward to a network without dopamine.
         """
+        self.check_reward(reward)
         sign = torch.ones_like(self.pending[:, 0, 0]) if sign is None else sign
         steps = len(injected)
         background = self.background(self.time + torch.arange(steps, device=self.device))
         for k in range(steps):
-            fired = self.step(background[k], injected[k], sign)
+            fired = self.step(background[k], injected[k], sign, None if reward is None else reward[k])
             if raster is not None:
                 raster[k] = fired
 
-    def step(self, background: Tensor, injected: Tensor, sign: Tensor) -> Tensor:
+    def check_reward(self, reward: Tensor | None) -> None:
+        """Raise ValueError for a reward that nothing could take up."""
+        if reward is not None and self.dopamine is None:
+            raise ValueError("reward: needs a network with dopamine")
+
+    def step(self, background: Tensor, injected: Tensor, sign: Tensor, reward: Tensor | None = None) -> Tensor:
         """One millisecond; the one definition of the order of events inside it. Returns who fired, bool [B, N].
 
         1. Input: what arrives now, plus the background and the injected current.
         2. Neurons: membrane, recovery, spike and reset.
-        3. Dopamine: decay, and the release of earlier spikes.
+        3. Dopamine: decay, the release of earlier spikes, and the reward from outside.
         4. Eligibility: decay, and the pairs that this ms's spikes complete.
         5. Weights: eligibility times dopamine, clipped.
         6. Homeostasis: sets whose mean is too high are lowered.
@@ -227,13 +243,14 @@ class Network(nn.Module):
         v, u, fired = izhikevich(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
         neurons.v.copy_(v)
         neurons.u.copy_(u)
+        earlier = neurons.last_spike.clone()
         neurons.last_spike.copy_(torch.where(fired, time, neurons.last_spike))
         self.spike_count.index_add_(1, self._group_of, fired.long())
         if self.dopamine is not None:
-            source = self.groups[self.dopamine.source].span
-            self.dopamine.step(fired[:, source].sum(1), sign, time)
+            source = slice(0) if self.dopamine.source is None else self.groups[self.dopamine.source].span
+            self.dopamine.step(fired[:, source].sum(1), sign, time, reward)
             if self.synapses.plastic:
-                self._change_eligibility(fired)
+                self._change_eligibility(fired, earlier)
                 self._change_weights(self.dopamine.level)
                 if self.homeostasis:
                     self._dampen()
@@ -241,15 +258,19 @@ class Network(nn.Module):
         time += 1
         return fired
 
-    def _change_eligibility(self, fired: Tensor) -> None:
+    def _change_eligibility(self, fired: Tensor, earlier: Tensor) -> None:
+        """Step 4; `earlier` [B, N] holds last spikes without those of this ms."""
         rule, table = self.plasticity, self.synapses
         pre, post = table.pre[: table.plastic], table.post[: table.plastic]
         eligibility = table.eligibility[: table.plastic]
-        elapsed = self.time - self.neurons.last_spike
+        depresses = rule.simultaneous == "depresses"
+        latest = self.neurons.last_spike
+        elapsed = self.time - (earlier if depresses else latest)
         gain = stdp(elapsed, rule.potentiation, rule.tau_plus, self.dtype).view(-1)
-        loss = stdp(elapsed, rule.depression, rule.tau_minus, self.dtype).view(-1)
+        loss = stdp(self.time - latest, rule.depression, rule.tau_minus, self.dtype).view(-1)
         fired = fired.view(-1)
-        change = torch.where(fired[post], gain[pre], torch.where(fired[pre], -loss[post], 0.0))
+        rise, fall = torch.where(fired[post], gain[pre], 0.0), torch.where(fired[pre], -loss[post], 0.0)
+        change = rise + fall if depresses else torch.where(fired[post], rise, fall)
         eligibility.mul_(math.exp(-1.0 / rule.tau_eligibility)).add_(change)
 
     def _change_weights(self, level: Tensor) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from torch.utils.tensorboard import SummaryWriter
 
+from snnrl.analysis.criteria import correct
 from snnrl.files import sync, write
 from snnrl.loop import Simulation
 from snnrl.synapses import Projection
@@ -30,6 +31,17 @@ def keep_events(folder: Path, size: int) -> None:
     for file in files:
         if file != kept or not size:
             file.unlink()
+
+
+def written(writer: SummaryWriter | None, events: Path | None) -> int:
+    """Bytes of events in a folder, all of them brought to the disk."""
+    if writer is None or events is None:
+        return 0
+    writer.flush()
+    files = sorted(events.glob("events.out.tfevents.*"))
+    for file in files:
+        sync(file)
+    return sum(file.stat().st_size for file in files)
 
 
 class Recorder:
@@ -55,21 +67,15 @@ class Recorder:
 
     def state_dict(self) -> dict[str, Any]:
         """All that has been sampled, and how many bytes of events are on the disk for good."""
-        size = 0
-        if self.writer is not None and self.events is not None:
-            self.writer.flush()
-            for file in self.events.glob("events.out.tfevents.*"):
-                sync(file)
-                size += file.stat().st_size
         samples = {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()}
-        return {"samples": samples, "before": self._before, "events": size}
+        return {"samples": samples, "before": self._before, "events": written(self.writer, self.events)}
 
     def _counts(self) -> tuple[float, torch.Tensor, torch.Tensor]:
         network, world = self.simulation.network, self.simulation.world
         return int(network.time) / 1000.0, world.touches.cpu().clone(), network.spike_count.cpu().clone()
 
-    def sample(self) -> float:
-        """Take one sample; returns the food collection rate (items/s) of the time since the last one."""
+    def sample(self) -> str:
+        """Take one sample; returns the food collection rate of the time since the last one, in words."""
         network = self.simulation.network
         seconds, touches, spikes = self._counts()
         then, touches_then, spikes_then = self._before
@@ -90,7 +96,7 @@ class Recorder:
             self._samples.setdefault(key, []).append(values.float().cpu().numpy().copy())
         if self.writer is not None and int(seconds) > int(then):
             self._write_events(int(seconds))
-        return float(sample["collection_rate"].mean())
+        return f"{float(sample['collection_rate'].mean()):.2f} food/s"
 
     def _write_events(self, seconds: int) -> None:
         assert self.writer is not None
@@ -103,8 +109,10 @@ class Recorder:
         for k, group in enumerate(self.groups):
             self.writer.add_scalar(f"firing rate, Hz/{group}", latest["firing_rate"][:, k].mean(), seconds)
 
-    def save(self, folder: Path, correct: torch.Tensor | None) -> None:
-        """Write series.npz, weights.npz and trials.csv, and close the events.
+    def save(self, folder: Path, rules: Mapping[str, str]) -> dict[str, float | None]:
+        """Write series.npz, weights.npz and trials.csv, and close the events; returns means over trials.
+
+        `rules` say when a trial is correct, see `snnrl.analysis.criteria.correct`.
 
         series.npz holds `time` [T] (s), `collection_rate` [T, B] (items/s), `weight` and `eligibility`
         [T, B, P] (means, absent synapses as zeros), `firing_rate` [T, B, G] (Hz), `dopamine` [T, B] (uM),
@@ -115,6 +123,7 @@ class Recorder:
         """
         series = {key: np.stack(values) for key, values in self._samples.items()}
         trials = self.simulation.network.draws.trials.cpu().numpy()
+        learnt = correct(self.simulation.network, rules) if rules else None
         names = {
             "projections": np.array([p.name for p in self.followed]),
             "groups": np.array(self.groups),
@@ -122,21 +131,26 @@ class Recorder:
         }
         write(folder / "series.npz", _npz({**series, **names}))
         write(folder / "weights.npz", _npz({p.name: _dense(p) for p in self.followed}))
-        write(folder / "trials.csv", self._table(trials, correct))
+        write(folder / "trials.csv", self._table(trials, learnt))
         if self.writer is not None:
             self.writer.flush()  # unlike close, says so if an event could not be written
             self.writer.close()
+        food = self.simulation.world.touches[:, 0].double()
+        return {
+            "food_mean": float(food.mean()),
+            "food_sd": float(food.std()) if len(food) > 1 else None,
+            "correct_fraction": None if learnt is None else float(learnt.double().mean()),
+        }
 
-    def _table(self, trials: np.ndarray, correct: torch.Tensor | None) -> str:
+    def _table(self, trials: np.ndarray, learnt: torch.Tensor | None) -> str:
         text = io.StringIO()
         weights = {p.name: p.mean_weight().tolist() for p in self.followed}
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["trial", *TOUCHES, "correct", *weights])
         touches = self.simulation.world.touches.tolist()
         for k, trial in enumerate(trials.tolist()):
-            learnt = "" if correct is None else int(correct[k])
             row = [f"{values[k]:.6g}" for values in weights.values()]
-            table.writerow([trial, *touches[k], learnt, *row])
+            table.writerow([trial, *touches[k], "" if learnt is None else int(learnt[k]), *row])
         return text.getvalue()
 
 

@@ -8,6 +8,7 @@ Exit status: 0, or 2 for bad input, 1 for anything else that went wrong, 130 aft
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
@@ -50,7 +51,7 @@ FORESEEN = (*BAD_INPUT, JobFailed, Interrupted, OSError, KeyboardInterrupt)
 
 
 def job(composed: DictConfig) -> float:
-    """One Hydra job; returns the mean food collected, so that a sweeper can optimise it."""
+    """One Hydra job; returns its score, so that a sweeper can optimise it."""
     settings = HydraConfig.get()
     folder = Path(settings.runtime.output_dir)
     overrides = list(settings.overrides.task)
@@ -66,7 +67,7 @@ def job(composed: DictConfig) -> float:
         again = f"the same command with hydra.sweep.dir={settings.sweep.dir} does only what is missing"
         raise JobFailed(f"{failure}; {again}") from error
     report(summary, folder)
-    return float(summary["food_mean"])
+    return score(summary)
 
 
 def share(launcher: DictConfig) -> int:
@@ -82,14 +83,23 @@ def resume(folder: Path) -> None:
     report(perform(load(folder / "config.yaml"), folder), folder)
 
 
+def score(summary: dict[str, Any]) -> float:
+    """Mean food of a robot, mean number of rewards of a task."""
+    results = summary["results"]
+    return float(results.get("food_mean", results.get("rewards", math.nan)))
+
+
 def report(summary: dict[str, Any], folder: Path) -> None:
     """Print the result of a run in a few lines."""
-    spread = "" if summary["food_sd"] is None else f" (SD {summary['food_sd']:.1f})"
-    learnt = summary["correct_fraction"]
     print(f"{summary['experiment']}, {summary['robot']}: {summary['trials']} trials x {summary['seconds']:.0f} s")
-    print(f"  food collected   {summary['food_mean']:.1f}{spread}")
-    if learnt is not None:
-        print(f"  learnt           {learnt:.0%} of trials")
+    results = dict(summary["results"])
+    if "food_mean" in results:
+        mean, sd, learnt = (results.pop(key) for key in ("food_mean", "food_sd", "correct_fraction"))
+        print(f"  food collected   {mean:.1f}{'' if sd is None else f' (SD {sd:.1f})'}")
+        if learnt is not None:
+            print(f"  learnt           {learnt:.0%} of trials")
+    for key, value in results.items():
+        print(f"  {key.replace('_', ' '):<16} {value:.4g}")
     print(f"  took             {summary['wall_s']:.1f} s, {summary['trial_ms_per_s'] / 1e6:.2f} million trial-ms/s")
     print(f"  results          {folder}")
 

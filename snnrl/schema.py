@@ -51,13 +51,18 @@ class NeuronConfig:
 
 @dataclass
 class SynapseConfig:
-    """A kind of synapse: how likely a pair is joined, weight + spread * uniform (mV), delay (ms)."""
+    """A kind of synapse: which pairs are joined, weight + spread * uniform (mV), delay (ms).
 
-    probability: float = number(least=0.0, most=1.0)
+    Pairs are joined either each with a `probability`, or so that every presynaptic neuron has `fan_out`
+    different targets, drawn uniformly.
+    """
+
+    probability: float | None = number(None, least=0.0, most=1.0)
     weight: float = 0.0
     spread: float = 0.0
     plastic: bool = False
     delay: int = number(1, least=1, most=1000)
+    fan_out: int | None = number(None, least=1)
 
 
 @dataclass
@@ -90,13 +95,14 @@ class PlasticityConfig:
     tau_minus: float = number(above=0.0)
     tau_eligibility: float = number(above=0.0)
     weight_max: float = number(above=0.0)
+    simultaneous: str = number("potentiates", choices=("potentiates", "depresses"))
 
 
 @dataclass
 class DopamineConfig:
     """See `snnrl.modulators.Dopamine`."""
 
-    source: str = MISSING
+    source: str | None = MISSING
     baseline: float = MISSING
     tau: float = number(above=0.0)
     release: float = MISSING
@@ -179,6 +185,48 @@ class WorldConfig:
 
 
 @dataclass
+class StimuliConfig:
+    """See `snnrl.task.Stimuli`; `size` neurons of `groups` are drawn for each, times in ms."""
+
+    groups: list[str] = MISSING
+    count: int = number(least=1, most=100_000)
+    size: int = number(least=1)
+    current: float = MISSING
+    shortest: int = number(least=1, most=1_000_000)
+    longest: int = number(least=1, most=1_000_000)
+    window: int = number(least=1, most=1_000_000)
+    rewarded: int = number(least=0)
+
+
+@dataclass
+class CoincidenceConfig:
+    """See `snnrl.task.Coincidence`; a synapse of the projection is drawn, and starts at `weight` (mV)."""
+
+    projection: str = MISSING
+    window: int = number(least=1, most=1_000_000)
+    weight: float = number(least=0.0)
+
+
+@dataclass
+class RewardConfig:
+    """See `snnrl.task.Reward`; amount in uM, delays in ms."""
+
+    amount: float = MISSING
+    shortest: int = number(least=0, most=1_000_000)
+    longest: int = number(least=0, most=1_000_000)
+
+
+@dataclass
+class TaskConfig:
+    """See `snnrl.task.Task`; the network runs for `tick` ms at a time."""
+
+    tick: int = number(least=1, most=10_000)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    stimuli: StimuliConfig | None = None
+    coincidence: CoincidenceConfig | None = None
+
+
+@dataclass
 class RobotConfig:
     """What distinguishes a robot: initial weights by role (mV), and which roles do not learn."""
 
@@ -218,13 +266,14 @@ class CheckpointConfig:
 
 @dataclass
 class Config:
-    """Everything a run is made from."""
+    """Everything a run is made from: a network with either coding and world (a robot) or a task."""
 
     experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
     robot: RobotConfig = field(default_factory=RobotConfig)
     network: NetworkConfig = field(default_factory=NetworkConfig)
-    coding: CodingConfig = field(default_factory=CodingConfig)
-    world: WorldConfig = field(default_factory=WorldConfig)
+    coding: CodingConfig | None = None
+    world: WorldConfig | None = None
+    task: TaskConfig | None = None
     record: RecordConfig = field(default_factory=RecordConfig)
     checkpoint: CheckpointConfig = field(default_factory=CheckpointConfig)
     trials: int = number(least=1, most=10_000_000)
@@ -235,6 +284,19 @@ class Config:
     device: str = "cpu"
     dtype: str = number("float32", choices=("float32", "float64"))
     threads: int = number(0, least=0, most=4096)  # 0 is one per processor
+
+    def body(self) -> tuple[CodingConfig, WorldConfig]:
+        """Coding and world of a robot.
+
+        Raises:
+            ConfigError: this is a task, which has none.
+        """
+        for name in ("coding", "world"):
+            if getattr(self, name) is None:
+                raise ConfigError(name, None, "must be given where there is no task")
+        assert self.coding is not None
+        assert self.world is not None
+        return self.coding, self.world
 
 
 @dataclass

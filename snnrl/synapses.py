@@ -12,11 +12,17 @@ from torch import Tensor, nn
 class Plasticity:
     """Dopamine-modulated, nearest-neighbour STDP (thesis 3.7; Izhikevich 2007).
 
+    Two spikes of one ms are a pair at no distance, which `simultaneous` says what to make of. Where it
+    potentiates (the thesis), it is the only pair of that ms. Where it depresses (Izhikevich 2007: the
+    presynaptic spike is still on its way), the postsynaptic spike also pairs with the presynaptic neuron's
+    latest earlier one.
+
     Attributes:
         potentiation, depression: A+ and A-, the change of eligibility by one pair at no distance.
         tau_plus, tau_minus: width of the two halves of the window (ms).
         tau_eligibility: decay of the eligibility (ms).
         weight_max: plastic weights stay in [0, weight_max] (mV).
+        simultaneous: what a pair of spikes of one ms does, "potentiates" or "depresses".
     """
 
     potentiation: float
@@ -25,6 +31,7 @@ class Plasticity:
     tau_minus: float
     tau_eligibility: float
     weight_max: float
+    simultaneous: str = "potentiates"
 
 
 def stdp(elapsed: Tensor, amplitude: float, tau: float, dtype: torch.dtype) -> Tensor:

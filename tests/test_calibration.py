@@ -36,7 +36,9 @@ def test_no_cell_decides_alone() -> None:
 def test_the_study_starts_from_the_values_in_conf() -> None:
     values = present()
     assert set(values) == set(FREE)
-    assert values["coding.range_gain"] == compose_config("+experiment=food_attraction").coding.range_gain
+    coding = compose_config("+experiment=food_attraction").coding
+    assert coding is not None
+    assert values["coding.range_gain"] == coding.range_gain
 
 
 def test_every_published_cell_is_an_experiment_with_that_robot() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers import compose_config
 
-from snnrl.builder import build
+from snnrl.builder import build, build_task
 from snnrl.config import conf_dir
 from snnrl.engines import make_engine
 from snnrl.schema import ConfigError
@@ -24,10 +24,17 @@ CASES = [
 def test_every_experiment_runs_with_each_of_its_robots(experiment: str, robot: str) -> None:
     config = compose_config(f"+experiment={experiment}", f"robot={robot}", "trials=2", "seconds=0.7")
     assert (config.experiment.name, config.robot.name) == (experiment, robot)
-    run = build(config)
-    make_engine("fused", "cpu").run(run, 10)
-    assert int(run.network.time) == 10 * config.coding.tick
-    assert int(run.network.spike_count.sum()) > 0
+    engine = make_engine("fused", "cpu")
+    if config.task is None:
+        run = build(config)
+        engine.run(run, 10)
+        network, tick = run.network, run.coding.tick
+    else:
+        other = build_task(config)
+        other.advance(engine, 10)
+        network, tick = other.network, other.task.tick
+    assert int(network.time) == 10 * tick
+    assert int(network.spike_count.sum()) > 0
 
 
 def test_published_sizes_are_the_defaults() -> None:

@@ -34,8 +34,8 @@ def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> 
     assert importers("omegaconf") == {"run.py", "baselines.py", "config.py", "schema.py"}
 
 
-def test_only_the_recorder_knows_tensorboard() -> None:
-    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"record.py"}
+def test_only_the_recorders_know_tensorboard() -> None:
+    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"record.py", "record_task.py"}
 
 
 def test_only_the_fused_engine_knows_numba() -> None:
@@ -57,6 +57,11 @@ def test_network_and_world_know_nothing_of_each_other() -> None:
     }
     network = set().union(*(imports()[f"{name}.py"] for name in ("network", "neurons", "synapses", "modulators")))
     assert not any(name.startswith(("snnrl.world", "snnrl.coding", "snnrl.loop")) for name in network)
+
+
+def test_a_task_knows_only_the_network_and_its_random_numbers() -> None:
+    known = {name for name in imports()["task.py"] if name.startswith("snnrl")}
+    assert known == {"snnrl.network", "snnrl.random"}
 
 
 def test_nothing_in_the_package_depends_on_tools_or_tests() -> None:

@@ -33,7 +33,7 @@ def test_only_hunger_breaks_the_orbit() -> None:
     for robot in ("learning_disabled", "learning", "positive_baseline"):
         config = compose_config("+experiment=orbit", f"robot={robot}")
         run = build(config)
-        make_engine("fused", "cpu").run(run, round(1000 * config.seconds / config.coding.tick))
+        make_engine("fused", "cpu").run(run, round(1000 * config.seconds / run.coding.tick))
         collected[robot] = int((run.world.touches[:, 0] > 0).sum())
     assert collected["learning_disabled"] == 0
     assert collected["learning"] >= 18

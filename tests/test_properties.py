@@ -56,7 +56,7 @@ def small_network(seed: int, trials: int = 1, plastic: bool = True, **rule: floa
         make_dopamine(trials, threshold=1, release=0.05),
         {"all": Homeostasis(("a", "b"), 1.3, 0.05, True)} if plastic else None,
     )
-    network.plasticity = Plasticity(**{**values, "weight_max": 4.0, **rule})
+    network.plasticity = Plasticity(**{**values, "weight_max": 4.0, **rule})  # type: ignore[arg-type]
     return network, 40.0 * uniform(250, trials, 16) ** 2
 
 

@@ -43,9 +43,9 @@ def test_a_run_leaves_everything_it_promises(tmp_path: Path) -> None:
     rows = list(csv.DictReader((folder / "trials.csv").open()))
     assert [row["trial"] for row in rows] == ["4", "5", "6"]
     food = [int(row["food"]) for row in rows]
-    assert np.mean(food) == pytest.approx(summary["food_mean"])
-    assert np.std(food, ddof=1) == pytest.approx(summary["food_sd"])
-    assert np.mean([int(row["correct"]) for row in rows]) == pytest.approx(summary["correct_fraction"])
+    assert np.mean(food) == pytest.approx(summary["results"]["food_mean"])
+    assert np.std(food, ddof=1) == pytest.approx(summary["results"]["food_sd"])
+    assert np.mean([int(row["correct"]) for row in rows]) == pytest.approx(summary["results"]["correct_fraction"])
 
     series = np.load(folder / "series.npz")
     spans = np.diff(series["time"], prepend=0.0)
@@ -96,8 +96,8 @@ def test_multirun_makes_a_folder_a_job(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "experiment: must be given as +experiment=NAME, NAME one of dual_learning, food_attraction"),
-        (["+experiment=odd"], "Available options in 'experiment': dual_learning"),
+        ([], "experiment: must be given as +experiment=NAME, NAME one of classical_conditioning, distal_reward"),
+        (["+experiment=odd"], "Available options in 'experiment': classical_conditioning"),
         (["+experiment=food_attraction", "robot=odd"], "Available options in 'robot': benchmark"),
         (["+experiment=food_attraction", "robot=benchmark"], "robot=benchmark: must be one of learning, random_walk"),
         (["+experiment=food_attraction", "trails=3"], "trails: no such key; allowed here: experiment, robot"),

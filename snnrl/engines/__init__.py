@@ -21,7 +21,12 @@ class Engine(Protocol):
         """Closed loop: `ticks` control ticks. `raster` is bool [ticks * tick, B, N] to be filled."""
 
     def run_network(
-        self, network: Network, injected: Tensor, sign: Tensor | None = None, raster: Tensor | None = None
+        self,
+        network: Network,
+        injected: Tensor,
+        sign: Tensor | None = None,
+        raster: Tensor | None = None,
+        reward: Tensor | None = None,
     ) -> None:
         """Open loop: `Network.run`."""
 

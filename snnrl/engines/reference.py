@@ -20,7 +20,12 @@ class ReferenceEngine:
             simulation.tick(None if raster is None else raster[k * tick : (k + 1) * tick])
 
     def run_network(
-        self, network: Network, injected: Tensor, sign: Tensor | None = None, raster: Tensor | None = None
+        self,
+        network: Network,
+        injected: Tensor,
+        sign: Tensor | None = None,
+        raster: Tensor | None = None,
+        reward: Tensor | None = None,
     ) -> None:
         """Open loop; see `snnrl.engines.Engine`."""
-        network.run(injected, sign, raster)
+        network.run(injected, sign, raster, reward)

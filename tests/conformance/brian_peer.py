@@ -102,6 +102,7 @@ def simulate(network: Network, injected: Tensor, every: int = 1) -> Course:
     )
     neurons.modulator_level = brian2.linked_var(modulator, "level", index=np.zeros(network.size, int))
     neurons.run_regularly("level = modulator_level", when="synapses", order=SHARE)
+    assert dopamine.source is not None
     source = network.groups[dopamine.source].span
     release = brian2.Synapses(neurons, modulator, on_pre="arrived_post += 1", delay=dopamine.delay * ms)
     release.connect(i=np.arange(source.start, source.stop), j=0)

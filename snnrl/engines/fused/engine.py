@@ -58,16 +58,23 @@ class FusedEngine:
         network.time += ticks * coding.tick
 
     def run_network(
-        self, network: Network, injected: Tensor, sign: Tensor | None = None, raster: Tensor | None = None
+        self,
+        network: Network,
+        injected: Tensor,
+        sign: Tensor | None = None,
+        raster: Tensor | None = None,
+        reward: Tensor | None = None,
     ) -> None:
         """Open loop; see `snnrl.engines.Engine`."""
+        network.check_reward(reward)
         arrays = self._network(network)
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
+        rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
         current, spikes = injected.contiguous().numpy(), _raster(raster, network)
         time = int(network.time)
 
         def part(low: int, high: int) -> None:
-            run_network(arrays, low, high, time, current, signs.numpy(), spikes)
+            run_network(arrays, low, high, time, current, signs.numpy(), spikes, rewards.contiguous().numpy())
 
         self._spread(part, network.trials)
         network.time += len(injected)
@@ -162,7 +169,9 @@ def _topology(network: Network) -> dict[str, Any]:
         "gain": _window(rule.potentiation, rule.tau_plus, network.dtype),
         "loss": _window(rule.depression, rule.tau_minus, network.dtype),
         "fading": (fading ** np.arange(BLOCK + 1)).astype(real),
-        "source_group": -1 if dopamine is None else place[dopamine.source],
+        "depresses": rule.simultaneous == "depresses",
+        "modulated": dopamine is not None,
+        "source_group": -1 if dopamine is None or dopamine.source is None else place[dopamine.source],
         "threshold": 0 if dopamine is None else dopamine.threshold,
         "constants": np.array(
             [SQUARE, LINEAR, CONSTANT, 0.5, PEAK, decay, baseline, release, rule.weight_max, network.synaptic_gain],

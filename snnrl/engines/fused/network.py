@@ -67,6 +67,8 @@ class NetworkArrays(NamedTuple):
     gain: Any  # real, potentiation by ms since the presynaptic spike
     loss: Any  # real, depression by ms since the postsynaptic spike
     fading: Any  # real [BLOCK + 1], lambda^k
+    depresses: Any  # whether a pair of one ms does; else it potentiates
+    modulated: Any  # whether there is dopamine
     source_group: Any  # place of the dopaminergic group, -1 for none
     threshold: Any
     constants: Any  # real [10], of the membrane's equation, dopamine and synapses
@@ -81,6 +83,7 @@ class Work(NamedTuple):
     current: Any
     noise: Any
     spikes: Any
+    earlier: Any  # int64 [N], last spikes before this ms; kept only where a pair of one ms depresses
     first: Any  # [G + 1], where each group's spikes begin in `spikes`
     total: Any  # [K], weight of each set at the last flush
     rise: Any  # [K], how fast it can rise at most
@@ -101,6 +104,7 @@ def make_work(net):
         state,
         np.zeros(padded, net.v.dtype),
         np.zeros((BLOCK + 6) * noisy, np.int32),
+        np.zeros(padded, np.int64),
         np.zeros(padded, np.int64),
         np.zeros(groups + 1, np.int64),
         np.zeros(sets, np.float64),
@@ -125,6 +129,8 @@ def load(net, work, trial):
         work.state[at + 3 * LANES] = net.b[trial, i]
         work.state[at + 4 * LANES] = net.c[trial, i]
         work.state[at + 5 * LANES] = net.d[trial, i]
+    if net.depresses:
+        work.earlier[: net.v.shape[1]] = net.last_spike[trial]
 
 
 @njit(forceinline=True)
@@ -258,6 +264,7 @@ def pair_spikes(net, work, trial, time, before, fading, positive):
     zero = limit - limit
     inverse = net.fading[0] / fading
     last = net.last_spike[trial]
+    last_pre, soonest = (work.earlier, 0) if net.depresses else (last, 1)
     for p in range(net.plastic):
         pre, post = net.projections[p, PRE], net.projections[p, POST]
         set_, risen = net.projections[p, SET], 0.0
@@ -267,7 +274,7 @@ def pair_spikes(net, work, trial, time, before, fading, positive):
             j = work.spikes[n]
             for q in range(net.columns[first + j], net.columns[first + j + 1]):
                 s = net.incoming[q]
-                elapsed = time - last[net.source[s]]
+                elapsed = time - last_pre[net.source[s]]
                 if elapsed < len(net.gain):
                     weight = net.weight[s] + net.eligibility[s] * (before - net.settled[s])
                     weight = limit if weight > limit else weight
@@ -283,7 +290,7 @@ def pair_spikes(net, work, trial, time, before, fading, positive):
             for s in range(net.rows[first + i], net.rows[first + i + 1]):
                 j = net.target[s]
                 elapsed = time - last[j]
-                if elapsed < len(net.loss) and elapsed > 0:
+                if elapsed < len(net.loss) and elapsed >= soonest:
                     weight = net.weight[s] + net.eligibility[s] * (before - net.settled[s])
                     weight = limit if weight > limit else weight
                     net.weight[s] = zero if weight < zero else weight
@@ -293,6 +300,9 @@ def pair_spikes(net, work, trial, time, before, fading, positive):
                     risen += zero if positive else change
         if set_ >= 0:
             work.rise[set_] += risen
+    if net.depresses:
+        for n in range(work.first[len(work.first) - 1]):
+            work.earlier[work.spikes[n]] = time
 
 
 @njit(forceinline=True)
@@ -353,7 +363,7 @@ def add_background(net, work, steps, row):
 
 
 @njit(forceinline=True)
-def run_block(net, work, trial, time, injected, low, high, sign, raster):
+def run_block(net, work, trial, time, injected, low, high, sign, raster, reward):
     """Up to BLOCK ms of one trial, whose neurons are loaded in `work`.
 
     Args:
@@ -361,13 +371,14 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
         injected: [steps, N]; the first row whole, of later ones only columns low to high.
         sign: of dopamine's release.
         raster: uint8 [steps, N] to be filled with who fired, or without rows.
+        reward: real [steps], dopamine from outside, or without rows; None (known to the compiler) for none.
     """
     steps, neurons, groups = injected.shape[0], net.v.shape[1], net.groups.shape[0]
     slots, constants = net.pending.shape[1], net.constants
     decay, baseline, release = constants[DECAY], constants[BASELINE], constants[RELEASE]
     zero = baseline - baseline
     drive, level = zero, net.level[trial]
-    learns = net.plastic > 0 and net.source_group >= 0
+    learns = net.plastic > 0 and net.modulated
     sets = len(work.total) > 0
     positive = level >= zero
     if learns and sets:
@@ -397,14 +408,17 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
                 net.last_spike[trial, work.spikes[n]] = now
                 if len(raster):
                     raster[k, work.spikes[n]] = 1
-        if net.source_group >= 0:
+        if net.modulated:
             slot = now % net.released.shape[1]
             arrived = net.released[trial, slot]
-            burst = work.first[net.source_group + 1] - work.first[net.source_group] if found else 0
+            counts = found > 0 and net.source_group >= 0
+            burst = work.first[net.source_group + 1] - work.first[net.source_group] if counts else 0
             net.released[trial, slot] = burst
             if arrived <= net.threshold:
                 arrived = 0
             level = baseline + (level - baseline) * decay + sign * (release * net.level.dtype.type(arrived))
+            if reward is not None and len(reward):
+                level += reward[k]
         if learns:
             if (level >= zero) != positive:
                 settle_all(net, trial, drive)
@@ -429,8 +443,8 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
 
 
 @njit(nogil=True, cache=True)
-def run_network(net, low, high, time, injected, sign, raster):
-    """Open loop: trials low to high through all rows of `injected` [T, B, N]."""
+def run_network(net, low, high, time, injected, sign, raster, reward):
+    """Open loop: trials low to high through all rows of `injected` [T, B, N]; `reward` is [T, B] or [0, B]."""
     work = make_work(net)
     neurons = net.v.shape[1]
     for trial in range(low, high):
@@ -438,5 +452,6 @@ def run_network(net, low, high, time, injected, sign, raster):
         for at in range(0, injected.shape[0], BLOCK):
             rows = injected[at : at + BLOCK, trial]
             spikes = raster[at : at + BLOCK, trial]
-            run_block(net, work, trial, time + at, rows, 0, neurons, sign[trial], spikes)
+            rewards = reward[at : at + BLOCK, trial]
+            run_block(net, work, trial, time + at, rows, 0, neurons, sign[trial], spikes, rewards)
         store(net, work, trial)

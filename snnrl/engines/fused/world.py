@@ -313,5 +313,5 @@ def run_ticks(net, world, coding, low, high, time, ticks, raster):
                 if at:
                     first, last = 0, net.v.shape[1]
                 rows = tick.current[at : at + BLOCK]
-                run_block(net, work, trial, now + at, rows, first, last, sign, spikes)
+                run_block(net, work, trial, now + at, rows, first, last, sign, spikes, None)
         store(net, work, trial)
