@@ -48,6 +48,9 @@ def test_shards_give_the_trials_of_one_big_run(runs: Path) -> None:
     assert rows(whole / "trials.csv") == rows(first / "trials.csv") + rows(second / "trials.csv")[1:]
     series, *parts = (np.load(folder / "series.npz") for folder in (whole, first, second))
     assert set(series) == {"projections", "groups", "time", "trials", "collection_rate", "firing_rate", "dopamine"} | {
+        "position",
+        "heading",
+        "nearest_item",
         "weight",
         "eligibility",
     }

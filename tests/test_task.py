@@ -318,7 +318,7 @@ def test_distal_reward_reinforces_one_synapse(tmp_path: Path) -> None:
     options += ["task.reward.shortest=101", "task.reward.longest=500"]
     summary = run_command(tmp_path, "+experiment=distal_reward", *SMALL, *options)
     series = np.load(tmp_path / "here" / "series.npz")
-    assert summary["rewards"] == series["rewards"][-1].mean()
+    assert summary["results"]["rewards"] == series["rewards"][-1].mean()
     assert (np.diff(series["rewards"], axis=0) >= 0).all()
     assert series["chosen_weight"].shape == series["mean_weight"].shape == (21, 2)
     assert (series["chosen_weight"][0] == 0.0).all()
@@ -335,7 +335,7 @@ def test_a_synapse_that_cannot_learn_is_recorded_too(tmp_path: Path) -> None:
     options = ["robot=learning_disabled", "seconds=3", "record.every=1", "record.tensorboard=false"]
     summary = run_command(tmp_path, "+experiment=distal_reward", *SMALL, *options)
     assert summary["robot"] == "learning_disabled"
-    assert summary["chosen_weight"] == 0.0
+    assert summary["results"]["chosen_weight"] == 0.0
     assert (tmp_path / "here" / "reinforcement.png").exists()
 
 
@@ -349,7 +349,7 @@ def test_conditioning_records_responses(tmp_path: Path) -> None:
     rewarded = series["presented"][-1][:, 0]
     assert (np.abs(series["rewards"][-1] - rewarded) <= 6).all()  # but for those still on their way
     last = quarters(dict(series))[1]
-    assert summary["response_last"] == pytest.approx(last[:, 0].mean())
+    assert summary["results"]["response_last"] == pytest.approx(last[:, 0].mean())
     assert (tmp_path / "here" / "conditioning.png").stat().st_size > 10_000
 
 
