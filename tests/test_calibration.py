@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
+import optuna
 import pytest
 import torch
 import yaml
@@ -12,6 +14,7 @@ from helpers import compose_config
 from snnrl.analysis.published import PUBLISHED
 from snnrl.builder import build
 from snnrl.calibrate import FREE, contrast, fraction_distance, loss, mean_distance, neighbours, present
+from snnrl.search import search
 
 
 def test_a_difference_of_means_in_standard_errors() -> None:
@@ -68,3 +71,17 @@ def test_neighbours_change_one_value_each() -> None:
     changes = neighbours(values)
     assert len(changes) == len(set(changes)) == 2 * 5 + 3
     assert all(value != values[name] for name, value in changes)
+
+
+def test_an_interrupted_search_continues(tmp_path: Path) -> None:
+    def study() -> optuna.Study:
+        storage = f"sqlite:///{tmp_path / 'search.db'}"
+        return optuna.create_study(storage=storage, study_name="s", direction="maximize", load_if_exists=True)
+
+    options = {"seconds": 3.5}
+    search(study(), 2, 2, options)
+    search(study(), 1, 2, options)
+    found = study().trials
+    assert [trial.number for trial in found] == [0, 1, 2]
+    assert found[0].params == {"potentiation": 0.1, "depression": 0.15, "tau_plus": 20.0, "tau_minus": 110.0}
+    assert all(trial.value == sum(trial.user_attrs["food"]) / 2 for trial in found)

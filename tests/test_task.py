@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import oracle
@@ -303,7 +304,7 @@ def test_the_watched_synapse_is_one_of_its_projection_in_its_trial() -> None:
     assert network.synapses.trial[coincidence.synapse].tolist() == [0, 1, 2]
 
 
-def run_command(folder: Path, *arguments: str) -> dict[str, object]:
+def run_command(folder: Path, *arguments: str) -> dict[str, Any]:
     command = [sys.executable, "-m", "snnrl.run", *arguments, "hydra.run.dir=here", "trials=2"]
     done = subprocess.run(command, cwd=folder, env=os.environ, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stderr
