@@ -61,8 +61,9 @@ FREE: Mapping[str, Free | Choice] = {
     "coding.range_gain": Free(1.2, 2.2, 0.15),
     "coding.touch_gain": Free(2.0, 4.5, 0.5),
     "network.synaptic_gain": Free(2.5, 5.5, 0.4),
-    "network.dopamine.tau": Free(12.0, 45.0, 3.0),
-    "network.groups.dopaminergic.noise": Free(0.2775, 0.2875, 0.005),  # fires at the stated 0.4 Hz, 0.35 to 0.44
+    "network.dopamine.tau": Free(12.0, 40.0, 3.0),
+    "network.groups.inhibitory.current": Free(3.5, 8.0, 0.3),  # silent below 3.85
+    "network.groups.dopaminergic.noise": Free(0.0, 0.29, 0.1),
     "world.ranges.food.measured_to": Choice(("border", "centre")),
     CONTAINERS: Choice(("border", "centre")),
     "network.homeostasis.count_absent": Choice((True, False)),
@@ -107,6 +108,24 @@ def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
         left = (simulation.world.nearest_item() > limit) | (simulation.world.touches[:, 0] > 0)
         times = torch.where(left & times.isnan(), (k + 1) * coding.tick / 1000, times)
     return times
+
+
+def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 140.0) -> Tensor:
+    """Firing of the dopaminergic neurons where there is no food to touch, without the start (Hz), [B]."""
+    options = {"trials": trials, "seed": seed, "robot": "random_walk", "world.free_items": 0, **values}
+    options.pop(CONTAINERS, None)
+    config = compose("+experiment=food_attraction", *(f"{key}={value}" for key, value in options.items()))
+    simulation, engine = build(config), make_engine("auto", config.device)
+    network, tick = simulation.network, simulation.tick_length
+    assert network.dopamine is not None
+    source = network.dopamine.source
+    assert source is not None
+    place = list(network.groups).index(source)
+    engine.run(simulation, round(2000 / tick))
+    before, start = network.spike_count[:, place].clone(), int(network.time)
+    engine.run(simulation, round(1000 * seconds / tick))
+    elapsed = (int(network.time) - start) / 1000
+    return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
 
 
 def fraction_distance(ours: Tensor, published: float, trials: int) -> float:
@@ -154,6 +173,9 @@ def distances(values: Mapping[str, Any], trials: int, seed: int) -> dict[str, fl
         if cell := published["contrast"].get(experiment, {}).get(robot):
             clear = contrast(simulation, cell["factor"])
             result[f"{name}/contrast"] = fraction_distance(clear, cell["fraction"], count)
+    rate = background_rate(values, trials, seed)
+    said = published["said"]["background_rate"]
+    result["background rate"] = float(rate.mean() - said["mean"]) / said["rounding"]
     escaped = published["escaped"]
     times = escape_times(values, escaped["trials"], seed)
     there = ~times.isnan()

@@ -69,7 +69,7 @@ def test_contrast_of_the_two_container_touches() -> None:
 def test_neighbours_change_one_value_each() -> None:
     values = present()
     changes = neighbours(values)
-    assert len(changes) == len(set(changes)) == 2 * 5 + 3
+    assert len(changes) == len(set(changes)) == 2 * 6 + 3
     assert all(value != values[name] for name, value in changes)
 
 
