@@ -149,7 +149,6 @@ def compare(case: Case, peers: dict[str, Callable[[Case], Callable[[], Run]]], r
         runs[name] = prepare(
             Case(case.network, case.injected, case.threads, case.folder / f"{k}_{case.network.trials}_{case.threads}")
         )
-        runs[name]()  # caches and pages are warm
     done: dict[str, list[Run]] = {name: [] for name in runs}
     for _ in range(repeats):
         for name, run in runs.items():
@@ -270,7 +269,7 @@ def main() -> None:
     if find_spec("brian2"):
         peers[f"Brian2, {arguments.brian}"] = brian(arguments.brian)
     processors = len(os.sched_getaffinity(0))
-    rows = []
+    rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:
         for trials in arguments.trials:
             network, injected = food_only(trials, steps, *LEARNT)
