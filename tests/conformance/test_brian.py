@@ -9,7 +9,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 import torch
-from helpers import ENGINES, forced, make_dopamine, make_group, make_network, make_projection, make_simulation
+from helpers import ENGINES, forced, make_dopamine, make_group, make_network, make_projection
 from torch import Tensor
 
 from snnrl.builder import build_network
@@ -30,6 +30,7 @@ from snnrl.schema import (
 if find_spec("brian2") is None:
     pytest.skip("Brian2 is not installed: pip install 'snnrl[peers]'", allow_module_level=True)
 from brian_peer import Course, simulate
+from recording import food_only
 
 pytestmark = pytest.mark.filterwarnings("ignore::DeprecationWarning")
 STEPS = 10_000
@@ -79,18 +80,10 @@ def single_synapses() -> tuple[Network, Tensor]:
     return network, forced(network, STEPS, spikes)
 
 
-def food_only() -> tuple[Network, Tensor]:
-    """A robot's brain with the currents of its own closed loop, recorded; its homeostatic set is full at times."""
+def food_only_brain() -> tuple[Network, Tensor]:
+    """A robot's brain whose homeostatic set is full at times."""
     options = ["+robot.weights.food_attraction=2", "+robot.weights.food_avoidance=2", "network.homeostasis.limit=1.6"]
-    simulation = make_simulation("+experiment=food_attraction", "trials=1", *options)
-    network, world, engine = simulation.network, simulation.world, make_engine("fused", "cpu", 1)
-    start, currents = copy.deepcopy(network), []
-    while int(network.time) < STEPS:
-        touched = world.step(simulation.coding.decode(network), network.time)
-        currents.append(simulation.coding.encode(network, world.sense(), touched))
-        engine.run_network(network, currents[-1])
-    assert world.touches[0, 0] > 0
-    return start, torch.cat(currents)[:STEPS]
+    return food_only(1, STEPS, *options)
 
 
 def random_network() -> tuple[Network, Tensor]:
@@ -130,7 +123,7 @@ def random_network() -> tuple[Network, Tensor]:
     return network, 4.0 * torch.rand(STEPS, 1, network.size, generator=generator, dtype=torch.float64)
 
 
-@pytest.mark.parametrize(("case", "every"), [(single_synapses, 1), (food_only, 100), (random_network, 100)])
+@pytest.mark.parametrize(("case", "every"), [(single_synapses, 1), (food_only_brain, 100), (random_network, 100)])
 def test_engines_agree_with_brian2(case: Callable[[], tuple[Network, Tensor]], every: int) -> None:
     network, injected = case()
     expected = simulate(network, injected, every)

@@ -1,0 +1,294 @@
+"""The same brain, input and machine in other simulators: speed and deviations, side by side.
+
+    python tools/peers/compare.py [--trials 1,50] [--seconds 1] [--threads 1,0] [--markdown docs/peers.md]
+
+The food-only brain is driven open loop by currents that its own closed loop recorded. Every simulator computes the
+same milliseconds in float64 and keeps all spikes; they take turns, and the median of the repeats is shown. A wall
+time is that of the simulation alone: building the network and compiling are not in it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import os
+import platform
+import shutil
+import statistics
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+import torch
+from dense_peer import DenseNetwork
+from recording import Run, food_only
+from torch import Tensor
+
+from snnrl.engines import make_engine
+from snnrl.files import write
+from snnrl.network import Network
+
+LEARNT = ("+robot.weights.food_attraction=3", "+robot.weights.food_avoidance=0.5")  # mV; about what it learns
+SHORTEST, MOST = 0.3, 20  # s of wall time; what is faster is run again from the same state, so many times at most
+LEFT_OUT = {
+    "NEST": "`stdp_dopamine_synapse` pairs a spike with all earlier ones, counts every dopaminergic spike and has no "
+    "homeostasis: it would be another network. What the two rules share is compared in [conformance.md]"
+    "(conformance.md).",
+    "BindsNET": "its `MSTDPET` takes one reward a step from outside, the same for the whole batch, whose trials share "
+    "their weights; pairs are not of nearest spikes.",
+    "Norse": "has STDP steps, but neither a lasting eligibility nor a modulator.",
+    "snnTorch": "learns by gradients; its STDP learner has neither a lasting eligibility nor a modulator.",
+    "PyGeNN": "its user-defined synapses may express the rule; the Python package index has no release of it.",
+    "ANNarchy": "its user-defined synapses may express the rule; not tried.",
+}
+
+
+@dataclass
+class Case:
+    """What every simulator is given: a network at ms 0, its input [T, B, N] and how many threads it may use."""
+
+    network: Network
+    injected: Tensor
+    threads: int
+    folder: Path
+
+    @property
+    def trial_ms(self) -> int:
+        return len(self.injected) * self.network.trials
+
+
+@dataclass
+class Row:
+    """One line of the table; `note` says why there are no numbers."""
+
+    peer: str
+    trials: int
+    threads: int
+    walls: Sequence[float] = ()
+    spikes: int = 0
+    mismatches: int = 0
+    deviation: float = 0.0
+    note: str = ""
+
+
+def spikes_of(raster: Tensor) -> np.ndarray:
+    """[n, 2] (ms, trial * N + neuron) of a raster [T, B, N]."""
+    return raster.flatten(1).nonzero().numpy()
+
+
+def ours(engine: str, dtype: torch.dtype) -> Callable[[Case], Callable[[], Run]]:
+    """One of our engines."""
+
+    def prepare(case: Case) -> Callable[[], Run]:
+        start, injected = copy.deepcopy(case.network).to(dtype), case.injected.to(dtype)
+        machine = make_engine(engine, "cpu", case.threads)
+        raster = torch.zeros(injected.shape, dtype=torch.bool)
+
+        def run() -> Run:
+            network = copy.deepcopy(start)
+            machine.run_network(network, injected[:0])  # lays out the topology, or compiles
+            began = time.perf_counter()
+            machine.run_network(network, injected, None, raster)
+            wall = time.perf_counter() - began
+            weight = network.synapses.weight[: network.synapses.plastic]
+            return Run(wall, spikes_of(raster), weight.double().numpy())
+
+        return run
+
+    return prepare
+
+
+def dense(case: Case) -> Callable[[], Run]:
+    """Dense matrices in eager PyTorch."""
+    background = case.network.background(torch.arange(len(case.injected)))
+
+    def run() -> Run:
+        network = DenseNetwork(case.network)
+        raster = torch.zeros(case.injected.shape, dtype=torch.bool)
+        began = time.perf_counter()
+        for k in range(len(raster)):
+            raster[k] = network.step(background[k] + case.injected[k])
+        wall = time.perf_counter() - began
+        return Run(wall, spikes_of(raster), network.weight[network.at_plastic].numpy())
+
+    return run
+
+
+def brian(mode: str) -> Callable[[Case], Callable[[], Run]]:
+    """Brian2 in one of its modes: standalone, cython or numpy."""
+
+    def prepare(case: Case) -> Callable[[], Run]:
+        import brian_peer
+
+        if mode == "standalone":
+            return brian_peer.standalone(case.network, case.injected, case.threads, case.folder)
+        return brian_peer.runtime(case.network, case.injected, mode)
+
+    return prepare
+
+
+def longer(run: Callable[[], Run]) -> Run:
+    """One run, or the mean of as many as it takes to be timed well."""
+    first = run()
+    walls = [first.wall]
+    while sum(walls) < SHORTEST and len(walls) < MOST:
+        walls.append(run().wall)
+    return Run(statistics.fmean(walls), first.spikes, first.weight)
+
+
+def compare(case: Case, peers: dict[str, Callable[[Case], Callable[[], Run]]], repeats: int) -> list[Row]:
+    """All peers on one case, taking turns; deviations are from the first."""
+    torch.set_num_threads(case.threads)
+    runs = {}
+    for k, (name, prepare) in enumerate(peers.items()):
+        runs[name] = prepare(
+            Case(case.network, case.injected, case.threads, case.folder / f"{k}_{case.network.trials}_{case.threads}")
+        )
+    done: dict[str, list[Run]] = {name: [] for name in runs}
+    for _ in range(repeats):
+        for name, run in runs.items():
+            done[name].append(longer(run))
+    expected = next(iter(done.values()))[0]
+    rows = []
+    for name, results in done.items():
+        ours, theirs = ({tuple(spike) for spike in spikes.tolist()} for spikes in (expected.spikes, results[0].spikes))
+        rows.append(
+            Row(
+                name,
+                case.network.trials,
+                case.threads,
+                [result.wall for result in results],
+                len(theirs),
+                len(ours ^ theirs),
+                float(np.abs(results[0].weight - expected.weight).max()),
+            )
+        )
+    return rows
+
+
+def table(rows: Sequence[Row], steps: int) -> list[str]:
+    """Lines of Markdown; the ratio is ours over theirs in speed, ours being the first of the same case."""
+    lines = [
+        "| trials | threads | simulator | wall, s (min to max) | trial-ms/s | ours is faster by | spikes | spikes that "
+        "differ | largest difference of a weight, mV |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    fastest: dict[tuple[int, int], float] = {}
+    for row in rows:
+        head = f"| {row.trials} | {row.threads} | {row.peer} |"
+        if row.note:
+            lines.append(f"{head} {row.note} | | | | | |")
+            continue
+        wall = statistics.median(row.walls)
+        ratio = wall / fastest.setdefault((row.trials, row.threads), wall)
+        lines.append(
+            f"{head} {wall:.3g} ({min(row.walls):.3g} to {max(row.walls):.3g}) | {steps * row.trials / wall:,.0f} | "
+            f"{ratio:.3g} | {row.spikes} | {row.mismatches} | {row.deviation:.1e} |"
+        )
+    return lines
+
+
+def document(rows: Sequence[Row], steps: int, repeats: int, command: str) -> str:
+    """The whole page."""
+    packages = ("snnrl", "torch", "numpy", "numba", "brian2", "nest-simulator")
+    names = ("snnrl", "torch", "numpy", "numba", "brian2", "nest")
+    versions = ", ".join(
+        f"{package} {version(package)}" if find_spec(name) else f"{package} not installed"
+        for package, name in zip(packages, names, strict=True)
+    )
+    lines = [
+        "# Peers, side by side",
+        "",
+        f"`{command}` wrote this page on {processor()}, {len(os.sched_getaffinity(0))} processors, "
+        f"Python {platform.python_version()}: {versions}.",
+        "",
+        f"The food-only brain (160 neurons, about 1360 plastic synapses a trial), {steps} ms a trial, open loop with "
+        "the currents that its own closed loop gave it; float64 unless a name says otherwise. All record all spikes. "
+        "A wall time is that of the simulation alone, without building and compiling; it is the median of "
+        f"{repeats} turns. Differences are from the first line of the same trials and threads. The dense and the "
+        "Brian2 network get the background noise as a table, ours draw it.",
+        "",
+        *table(rows, steps),
+        "",
+        "- *snnrl, reference* is plain eager PyTorch over flat lists of synapses, batched over trials: the "
+        "specification that the fused engine is tested against.",
+        "- *PyTorch, eager, dense* (`tools/peers/dense_peer.py`) is what one would write first: matrices of all "
+        "pairs of neurons, batched over trials.",
+        "- *Brian2* (`tools/peers/brian_peer.py`) is the network that the conformance tests hold equal to ours to "
+        "1e-9, with all trials in one network and Brian2's own compiler options, among them `-ffast-math` in its C++ "
+        "programs; in one thread it is built without OpenMP.",
+        "- One trial is never shared between threads by the fused engine.",
+        "",
+        "Left out:",
+        "",
+        *(f"- **{name}**: {reason}" for name, reason in LEFT_OUT.items()),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def processor() -> str:
+    """The processor's name, where the machine tells it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def best_mode() -> str:
+    """Brian2's fastest mode that this machine can compile for."""
+    return "standalone" if shutil.which("g++") and shutil.which("make") else "numpy"
+
+
+def numbers(text: str) -> list[int]:
+    return [int(part) for part in text.split(",")]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=numbers, default=[1, 50], help="of a batch, with commas between")
+    parser.add_argument("--threads", type=numbers, default=[1, 0], help="0 is all")
+    parser.add_argument("--seconds", type=float, default=1.0, help="simulated")
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--brian", choices=("standalone", "cython", "numpy"), default=best_mode())
+    parser.add_argument("--markdown", type=Path, help="file to write the table to")
+    arguments = parser.parse_args()
+    steps = max(1, round(1000 * arguments.seconds))
+    peers = {
+        "snnrl, fused": ours("fused", torch.float64),
+        "snnrl, fused, float32": ours("fused", torch.float32),
+        "snnrl, reference": ours("reference", torch.float64),
+        "PyTorch, eager, dense": dense,
+    }
+    if find_spec("brian2"):
+        peers[f"Brian2, {arguments.brian}"] = brian(arguments.brian)
+    processors = len(os.sched_getaffinity(0))
+    rows: list[Row] = []
+    with tempfile.TemporaryDirectory() as folder:
+        for trials in arguments.trials:
+            network, injected = food_only(trials, steps, *LEARNT)
+            for threads in dict.fromkeys(count or processors for count in arguments.threads):
+                found = compare(Case(network, injected, threads, Path(folder)), peers, arguments.repeats)
+                if not find_spec("brian2"):
+                    found.append(Row("Brian2", trials, threads, note="not installed: `pip install 'snnrl[peers]'`"))
+                print("\n".join(table(found, steps)[2 if rows else 0 :]), flush=True)
+                rows += found
+    if arguments.markdown:
+        defaults = {action.dest: action.default for action in parser._actions}
+        given = [
+            f" --{key} {','.join(map(str, value)) if isinstance(value, list) else value}"
+            for key, value in vars(arguments).items()
+            if key == "markdown" or value != defaults[key]
+        ]
+        page = document(rows, steps, arguments.repeats, "python tools/peers/compare.py" + "".join(given))
+        write(arguments.markdown, page)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,37 @@
+"""The food-only brain with the currents of its own closed loop: an input for any simulator, and what it gives back."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from snnrl.builder import build
+from snnrl.config import compose
+from snnrl.engines import make_engine
+from snnrl.network import Network
+
+
+def food_only(trials: int, steps: int, *options: str) -> tuple[Network, Tensor]:
+    """The robots' networks at the start, float64, and their currents [steps, trials, N]."""
+    chosen = ["+experiment=food_attraction", f"trials={trials}", "dtype=float64", "threads=1", *options]
+    simulation = build(compose(*chosen))
+    network, engine = simulation.network, make_engine("fused", "cpu", 1)
+    start, currents = copy.deepcopy(network), []
+    while int(network.time) < steps:
+        current, sign = simulation.act_and_sense()
+        engine.run_network(network, current, sign)
+        currents.append(current)
+    return start, torch.cat(currents)[:steps]
+
+
+@dataclass
+class Run:
+    """Seconds of wall time of a simulation alone, its spikes [n, 2] (ms, neuron of all trials), plastic weights [S]."""
+
+    wall: float
+    spikes: np.ndarray
+    weight: np.ndarray
