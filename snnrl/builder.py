@@ -97,8 +97,9 @@ def build_network(
     draws: Draws,
     dtype: torch.dtype = torch.float32,
     robot: RobotConfig = UNTAUGHT,
+    kind: type[Network] = Network,
 ) -> Network:
-    """A network for the trials of `draws`, each with its own graph and neuron parameters.
+    """A network (of that kind) for the trials of `draws`, each with its own graph and neuron parameters.
 
     Raises:
         ConfigError: names the first value that is out of bounds or contradicts another.
@@ -111,7 +112,7 @@ def build_network(
         _projection(name, projection, config, robot, draws, dtype) for name, projection in config.projections.items()
     ]
     rule = config.plasticity
-    return Network(
+    return kind(
         groups,
         projections,
         draws,
@@ -255,9 +256,9 @@ def build_coding(config: CodingConfig, network: Network) -> Coding:
     )
 
 
-def build_world(config: WorldConfig, coding: CodingConfig, draws: Draws) -> World:
-    """The world of the trials of `draws`, for robots with that tick and those wheel speeds."""
-    world = World(
+def build_world(config: WorldConfig, coding: CodingConfig, draws: Draws, kind: type[World] = World) -> World:
+    """The world (of that kind) of the trials of `draws`, for robots with that tick and those wheel speeds."""
+    world = kind(
         draws,
         config.side,
         config.free_items,

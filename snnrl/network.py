@@ -59,6 +59,8 @@ class Network(nn.Module):
         dopamine: the modulator; None leaves plastic weights unchanged.
         homeostasis: named sets of projections and their dampening.
 
+    A subclass may have another `membrane`, a function with the arguments and results of `izhikevich`.
+
     Buffers besides the modules':
         time: int64 scalar, the ms that the next step computes.
         pending: [B, L, N], current on its way; slot `t % L` arrives at t (L is the longest delay).
@@ -72,6 +74,7 @@ class Network(nn.Module):
     spike_count: Tensor
     neurons: NeuronTable
     synapses: SynapseTable
+    membrane = staticmethod(izhikevich)
 
     def __init__(
         self,
@@ -240,7 +243,7 @@ class Network(nn.Module):
         slot = (time % self.slots).view(1)
         current = self.pending.index_select(1, slot)[:, 0] + background + injected
         self.pending.index_fill_(1, slot, 0.0)
-        v, u, fired = izhikevich(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
+        v, u, fired = self.membrane(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
         neurons.v.copy_(v)
         neurons.u.copy_(u)
         earlier = neurons.last_spike.clone()

@@ -28,6 +28,7 @@ from snnrl.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
+from snnrl.world import World
 
 ROBOTS = {
     "food-only, learning": ["+experiment=food_attraction"],
@@ -240,6 +241,35 @@ def test_reference_tick_never_waits_for_the_host() -> None:
 def test_fused_engine_refuses_other_devices() -> None:
     with pytest.raises(ConfigError, match="engine=fused: runs on device=cpu only"):
         make_engine("fused", "cuda")
+
+
+class Faster(World):
+    pass
+
+
+class Softer(Network):
+    pass
+
+
+def test_fused_engine_refuses_what_it_has_not_compiled() -> None:
+    fused = make_engine("fused", "cpu", 1)
+    with_world = simulation("+experiment=food_attraction", "trials=1")
+    with_world.world.__class__ = Faster
+    with pytest.raises(ConfigError, match="engine=fused: cannot run Faster; use engine=reference"):
+        fused.run(with_world, 1)
+    network = simulation("+experiment=food_attraction", "trials=1").network
+    injected = torch.zeros(3, 1, network.size)
+    fused.run_network(network, injected)
+    network.step = network.step  # type: ignore[method-assign]
+    with pytest.raises(ConfigError, match=r"engine=fused: cannot run a changed Network\.step; use engine=reference"):
+        fused.run_network(network, injected)
+    del network.step
+    fused.run_network(network, injected)
+    network.__class__ = Softer
+    with pytest.raises(ConfigError, match="engine=fused: cannot run Softer; use engine=reference"):
+        fused.run_network(network, injected)
+    assert network.time == 6
+    make_engine("reference", "cpu").run_network(network, injected)
 
 
 def test_auto_is_fused_on_the_cpu() -> None:

@@ -12,21 +12,27 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from snnrl.coding import Coding
 from snnrl.engines.fused.network import BLOCK, NetworkArrays, run_network
 from snnrl.engines.fused.world import CodingArrays, WorldArrays, run_ticks
+from snnrl.homeostasis import Homeostasis
 from snnrl.loop import Simulation
+from snnrl.modulators import Dopamine
 from snnrl.network import Network, SynapseTable
-from snnrl.neurons import CONSTANT, LINEAR, PEAK, SQUARE
+from snnrl.neurons import CONSTANT, LINEAR, PEAK, SQUARE, NeuronGroup
 from snnrl.random import poisson_table_size, stream
 from snnrl.schema import ConfigError
-from snnrl.synapses import stdp
-from snnrl.world import TOUCHES, World
+from snnrl.synapses import Plasticity, Projection, stdp
+from snnrl.world import TOUCHES, RangeSensor, World
 
 FORGOTTEN = 100  # in units of tau: older pairs add less than 1e-43 of their amplitude
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting
+COMPILED = (
+    *(Simulation, Network, NeuronGroup, Projection, Plasticity, Dopamine, Homeostasis),
+    *(Coding, World, RangeSensor, nn.ModuleDict),
+)
 
 
 class FusedEngine:
@@ -46,6 +52,7 @@ class FusedEngine:
     def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.Engine`."""
         network = simulation.network
+        _check_compiled(*simulation.modules(), *simulation.world.ranges.values())
         arrays = self._network(network)
         world, coding = _world(simulation.world), _coding(simulation.coding, network, simulation.world)
         spikes = _raster(raster, network)
@@ -92,6 +99,7 @@ class FusedEngine:
     def _network(self, network: Network) -> NetworkArrays:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
+        _check_compiled(*network.modules(), network.plasticity, *network.homeostasis.values())
         known = self._topologies.get(network)
         if known is None or known[0] is not network.synapses:  # new tables where the network was moved or cast
             known = self._topologies[network] = (network.synapses, _topology(network))
@@ -108,6 +116,17 @@ class FusedEngine:
         for key in ("v", "u", "a", "b", "c", "d", "last_spike"):
             state[key] = getattr(neurons, key)
         return NetworkArrays(**{key: tensor.numpy() for key, tensor in state.items()}, **known[1])
+
+
+def _check_compiled(*parts: object) -> None:
+    """Raise ConfigError for a part of the model with code of its own, of which the kernels know nothing."""
+    for part in parts:
+        if type(part) not in COMPILED:
+            raise ConfigError("engine", "fused", f"cannot run {type(part).__name__}; use engine=reference")
+        for name in vars(part):
+            if callable(getattr(type(part), name, None)):
+                changed = f"{type(part).__name__}.{name}"
+                raise ConfigError("engine", "fused", f"cannot run a changed {changed}; use engine=reference")
 
 
 def _processors() -> int:
