@@ -227,19 +227,25 @@ class Network(nn.Module):
         v, u, fired = izhikevich(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
         neurons.v.copy_(v)
         neurons.u.copy_(u)
-        neurons.last_spike.copy_(torch.where(fired, time, neurons.last_spike))
         self.spike_count.index_add_(1, self._group_of, fired.long())
-        if self.dopamine is not None:
-            source = self.groups[self.dopamine.source].span
-            self.dopamine.step(fired[:, source].sum(1), sign, time)
-            if self.synapses.plastic:
-                self._change_eligibility(fired)
-                self._change_weights(self.dopamine.level)
-                if self.homeostasis:
-                    self._dampen()
+        self.learn(fired, sign)
         self._send(fired)
         time += 1
         return fired
+
+    def learn(self, fired: Tensor, sign: Tensor) -> None:
+        """Steps 3 to 6 of this millisecond, for whoever fired in it, bool [B, N]."""
+        neurons = self.neurons
+        neurons.last_spike.copy_(torch.where(fired, self.time, neurons.last_spike))
+        if self.dopamine is None:
+            return
+        source = self.groups[self.dopamine.source].span
+        self.dopamine.step(fired[:, source].sum(1), sign, self.time)
+        if self.synapses.plastic:
+            self._change_eligibility(fired)
+            self._change_weights(self.dopamine.level)
+            if self.homeostasis:
+                self._dampen()
 
     def _change_eligibility(self, fired: Tensor) -> None:
         rule, table = self.plasticity, self.synapses
