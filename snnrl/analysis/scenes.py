@@ -60,7 +60,7 @@ def _frames(recording: Recording, ticks: range) -> Iterator[Image.Image]:
     has_dopamine = len(recording.levels) > 0
     with mpl.rc_context({**STYLE, "figure.constrained_layout.use": False}):
         drawn = Figure(figsize=(4.8, 5.6 if has_dopamine else 4.8), dpi=100)
-        arena = drawn.add_axes((0.115, 0.28, 0.86, 0.675) if has_dopamine else (0.115, 0.1, 0.86, 0.85))
+        arena = drawn.add_axes((0.115, 0.295, 0.86, 0.66) if has_dopamine else (0.115, 0.1, 0.86, 0.85))
         strip = drawn.add_axes((0.115, 0.085, 0.86, 0.1)) if has_dopamine else None
     canvas = FigureCanvasAgg(drawn)
     peak = float(np.abs(recording.levels).max()) if has_dopamine else 1.0
@@ -78,8 +78,9 @@ def _frames(recording: Recording, ticks: range) -> Iterator[Image.Image]:
         arena.clear()
         draw_world(arena, world, bool(recording.poison[k]))
         _draw_path(arena, way[max(0, k + 1 - RECENT // tick) : k + 1], world.side)
-        level = float(recording.levels[k * tick : (k + 1) * tick].max()) if has_dopamine else 0.0
-        glow = min(1.0, np.sqrt(max(0.0, level) / peak))
+        since = max(0, k + 1 - ticks.step) * tick  # the last frame
+        level = recording.levels[since : (k + 1) * tick].max(initial=0.0)
+        glow = min(1.0, np.sqrt(level / peak))
         x, y = world.position[0].tolist()
         arena.plot(x, y, "o", color=DOPAMINE, alpha=glow, ms=22, mew=0, zorder=1)
         at = (start + k * tick) / 1000
