@@ -246,20 +246,26 @@ class Network(nn.Module):
         v, u, fired = self.membrane(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
         neurons.v.copy_(v)
         neurons.u.copy_(u)
-        earlier = neurons.last_spike.clone()
-        neurons.last_spike.copy_(torch.where(fired, time, neurons.last_spike))
         self.spike_count.index_add_(1, self._group_of, fired.long())
-        if self.dopamine is not None:
-            source = slice(0) if self.dopamine.source is None else self.groups[self.dopamine.source].span
-            self.dopamine.step(fired[:, source].sum(1), sign, time, reward)
-            if self.synapses.plastic:
-                self._change_eligibility(fired, earlier)
-                self._change_weights(self.dopamine.level)
-                if self.homeostasis:
-                    self._dampen()
+        self.learn(fired, sign, reward)
         self._send(fired)
         time += 1
         return fired
+
+    def learn(self, fired: Tensor, sign: Tensor, reward: Tensor | None = None) -> None:
+        """Steps 3 to 6 of this millisecond, for whoever fired in it, bool [B, N]; the rest as in `step`."""
+        neurons = self.neurons
+        earlier = neurons.last_spike.clone()
+        neurons.last_spike.copy_(torch.where(fired, self.time, neurons.last_spike))
+        if self.dopamine is None:
+            return
+        source = slice(0) if self.dopamine.source is None else self.groups[self.dopamine.source].span
+        self.dopamine.step(fired[:, source].sum(1), sign, self.time, reward)
+        if self.synapses.plastic:
+            self._change_eligibility(fired, earlier)
+            self._change_weights(self.dopamine.level)
+            if self.homeostasis:
+                self._dampen()
 
     def _change_eligibility(self, fired: Tensor, earlier: Tensor) -> None:
         """Step 4; `earlier` [B, N] holds last spikes without those of this ms."""

@@ -388,15 +388,15 @@ def orbit_path(runs: Runs) -> Figure:
     return drawn
 
 
-def draw_world(axis: Axes, world: World) -> None:
-    """A world of one trial as it is, with its containers, items and robot."""
+def draw_world(axis: Axes, world: World, poison: bool = False) -> None:
+    """A world of one trial as it is, with its containers, items (food or poison) and robot."""
     for k, centre in enumerate(world.containers[0].tolist()):
         full = k < world.food_containers
         axis.add_patch(
             Circle(tuple(centre), world.container_radius, fc=CONTAINER if full else "none", ec="#999933", lw=1)
         )
     for centre in world.items[0].tolist():
-        axis.add_patch(Circle(tuple(centre), world.item_radius, color=FOOD))
+        axis.add_patch(Circle(tuple(centre), world.item_radius, color=POISON if poison else FOOD))
     x, y = world.position[0].tolist()
     heading = float(world.heading[0])
     axis.plot(x, y, marker=(3, 0, np.degrees(heading) - 90), color="#332288", ms=8)
