@@ -64,20 +64,25 @@ class Recorder:
         samples = {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()}
         return {"samples": samples, "before": self._before, "events": size}
 
-    def _counts(self) -> tuple[float, torch.Tensor, torch.Tensor]:
-        network, world = self.simulation.network, self.simulation.world
-        return int(network.time) / 1000.0, world.touches.cpu().clone(), network.spike_count.cpu().clone()
+    def _counts(self) -> dict[str, torch.Tensor]:
+        """What only ever grows: ms, touches, spikes, and the sum of dopamine's level over all ms."""
+        network, dopamine = self.simulation.network, self.simulation.network.dopamine
+        counts = {"ms": network.time, "touches": self.simulation.world.touches, "spikes": network.spike_count}
+        if dopamine is not None:
+            counts["dopamine"] = dopamine.total
+        return {key: values.cpu().clone() for key, values in counts.items()}
 
     def sample(self) -> float:
         """Take one sample; returns the food collection rate (items/s) of the time since the last one."""
         network = self.simulation.network
-        seconds, touches, spikes = self._counts()
-        then, touches_then, spikes_then = self._before
-        self._before = seconds, touches, spikes
+        counts = self._counts()
+        change = {key: values - self._before[key] for key, values in counts.items()}
+        seconds, span = int(counts["ms"]) / 1000.0, int(change["ms"]) / 1000.0
+        then, self._before = int(self._before["ms"]) / 1000.0, counts
         sample = {
             "time": torch.tensor(seconds),
-            "collection_rate": (touches[:, 0] - touches_then[:, 0]) / (seconds - then),
-            "firing_rate": (spikes - spikes_then) / (self._sizes * (seconds - then)),
+            "collection_rate": change["touches"][:, 0] / span,
+            "firing_rate": change["spikes"] / (self._sizes * span),
             "weight": torch.stack([p.mean_weight() for p in self.followed], 1),
             "eligibility": torch.stack([p.mean_eligibility() for p in self.followed], 1),
             "position": self.simulation.world.position,
@@ -85,7 +90,7 @@ class Recorder:
             "nearest_item": self.simulation.world.nearest_item(),
         }
         if network.dopamine is not None:
-            sample["dopamine"] = network.dopamine.level
+            sample["dopamine"] = change["dopamine"] / int(change["ms"])
         for key, values in sample.items():
             self._samples.setdefault(key, []).append(values.float().cpu().numpy().copy())
         if self.writer is not None and int(seconds) > int(then):
@@ -109,7 +114,8 @@ class Recorder:
         series.npz holds `time` [T] (s), `collection_rate` [T, B] (items/s), `weight` and `eligibility`
         [T, B, P] (means, absent synapses as zeros), `firing_rate` [T, B, G] (Hz), `dopamine` [T, B] (uM),
         the robot's `position` [T, B, 2] (cm) and `heading` [T, B] (rad), its distance to the `nearest_item`
-        [T, B] (cm), and the names `projections` [P], `groups` [G] and the numbers `trials` [B].
+        [T, B] (cm), and the names `projections` [P], `groups` [G] and the numbers `trials` [B]. Rates and
+        dopamine are means over the time since the sample before, the others values at the sample.
         weights.npz holds for each of `projections` NAME its weights at the end, [B, n_pre, n_post] (mV),
         nan where there is no synapse.
         """

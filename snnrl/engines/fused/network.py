@@ -49,6 +49,7 @@ class NetworkArrays(NamedTuple):
     pending: Any
     spike_count: Any
     level: Any
+    total: Any  # float64 [B]
     released: Any
     weight: Any
     eligibility: Any
@@ -366,7 +367,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
     slots, constants = net.pending.shape[1], net.constants
     decay, baseline, release = constants[DECAY], constants[BASELINE], constants[RELEASE]
     zero = baseline - baseline
-    drive, level = zero, net.level[trial]
+    drive, level, total = zero, net.level[trial], net.total[trial]
     learns = net.plastic > 0 and net.source_group >= 0
     sets = len(work.total) > 0
     positive = level >= zero
@@ -405,6 +406,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
             if arrived <= net.threshold:
                 arrived = 0
             level = baseline + (level - baseline) * decay + sign * (release * net.level.dtype.type(arrived))
+            total += level
         if learns:
             if (level >= zero) != positive:
                 settle_all(net, trial, drive)
@@ -420,7 +422,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
                 drive = zero
         if found:
             send(net, work, trial, now, drive)
-    net.level[trial] = level
+    net.level[trial], net.total[trial] = level, total
     if learns:
         settle_all(net, trial, drive)
         for p in range(net.plastic):
