@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -25,13 +26,14 @@ import torch
 
 from snnrl import checkpoint
 from snnrl.analysis.criteria import correct
+from snnrl.board import choices
 from snnrl.builder import build
 from snnrl.checkpoint import Checkpoint, difference, settings
 from snnrl.config import dump, load
 from snnrl.engines import Engine, make_engine
 from snnrl.files import FolderError, owned, write, write_json
 from snnrl.loop import Simulation
-from snnrl.record import Recorder, keep_events
+from snnrl.record import Recorder, keep_events, ticks_of
 from snnrl.schema import Config
 
 SLICE = 0.5  # s of wall time between two looks for a signal
@@ -96,7 +98,13 @@ class Progress:
             f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {rate:.2f} food/s  "
             f"{speed / 1000.0:.2f} million trial-ms/s, {speed:,.0f} x real time  {left:.0f} s left"
         )
-        end = "\r" if self.redraws and part < 1.0 else "\n"
+        self._print(line, "\r" if self.redraws and part < 1.0 else "\n")
+
+    def say(self, line: str) -> None:
+        """A line that stays."""
+        self._print(f"{self.name}  {line}", "\n")
+
+    def _print(self, line: str, end: str) -> None:
         print(f"{line:<{shutil.get_terminal_size().columns - 1}}" if self.redraws else line, end=end, file=sys.stderr)
 
 
@@ -182,29 +190,51 @@ def description(config: Config) -> dict[str, Any]:
     }
 
 
+def finite(value: torch.Tensor) -> float | None:
+    """A number for JSON; None for one that is infinite or no number."""
+    return float(value) if value.isfinite() else None
+
+
 def simulate(
     config: Config, simulation: Simulation, engine: Engine, folder: Path, saved: Checkpoint | None, signals: Signals
 ) -> None:
     """Run a simulation from where it is to its end, and write its results to `folder`."""
     tick = simulation.coding.tick
     ticks, sampled, saves = (
-        max(1, round(1000 * seconds / tick)) if seconds else 0
-        for seconds in (config.seconds, config.record.every, config.checkpoint.every)
+        ticks_of(seconds, tick) for seconds in (config.seconds, config.record.every, config.checkpoint.every)
     )
-    recorder = Recorder(simulation, folder if config.record.tensorboard else None, saved.recorder if saved else None)
+    overrides = read_summary(folder)["overrides"]
+    rules = config.experiment.correct
+    recorder = Recorder(
+        simulation,
+        config.record,
+        ticks,
+        folder,
+        partial(correct, simulation.network, rules) if rules else None,
+        choices(overrides, experiment=config.experiment.name, robot=config.robot.name, seed=config.seed),
+        saved.recorder if saved else None,
+    )
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds)
     progress.started -= saved.wall if saved else 0.0
     first = round(1000 * config.record.start / tick)
     done, pace = int(simulation.network.time) // tick, 1
     while done < ticks:
-        part = min(pace, sampled - (done - first) % sampled, *(n - done % n for n in (ticks, saves) if n))
+        part = min(
+            pace,
+            recorder.film.most(done),
+            sampled - (done - first) % sampled,
+            *(n - done % n for n in (ticks, saves, recorder.histograms) if n),
+        )
         began = time.perf_counter()
-        engine.run(simulation, part)
+        recorder.film.run(engine, done, part)
         done += part
         pace = pace * 2 if time.perf_counter() - began < SLICE else max(1, pace // 2)
         if (done >= first and (done - first) % sampled == 0) or done == ticks:
-            rate = recorder.sample()
+            rate, alarms = recorder.sample()
+            for line in alarms:
+                progress.say(line)
             progress.show(done * tick / 1000.0, rate)
+        recorder.show(done)
         if signals.received or (saves and done % saves == 0):
             wall = time.perf_counter() - progress.started
             checkpoint.save(folder, Checkpoint(settings(config), simulation.state_dict(), recorder.state_dict(), wall))
@@ -212,20 +242,19 @@ def simulate(
             at = f"at {done * tick / 1000.0:g} of {config.seconds:g} s"
             raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
     wall = time.perf_counter() - progress.started
-    rules = config.experiment.correct
-    learnt = correct(simulation.network, rules) if rules else None
-    recorder.save(folder, learnt)
+    learnt = recorder.save()
     food = simulation.world.touches[:, 0].double()
     summary = {
         **description(config),
-        "overrides": read_summary(folder)["overrides"],
+        "overrides": overrides,
         "complete": True,
         "seconds": ticks * tick / 1000.0,
         "engine": engine.name,
         "food_mean": float(food.mean()),
         "food_sd": float(food.std()) if config.trials > 1 else None,
         "correct_fraction": None if learnt is None else float(learnt.double().mean()),
-        "mean_weight": {p.name: float(p.mean_weight().mean()) for p in simulation.network.projections.values()},
+        "mean_weight": {p.name: finite(p.mean_weight().mean()) for p in simulation.network.projections.values()},
+        "alarms": recorder.alarms.summary(),
         "wall_s": wall,
         "trial_ms_per_s": config.trials * ticks * tick / wall,
         "versions": {

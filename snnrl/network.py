@@ -199,7 +199,7 @@ class Network(nn.Module):
         Args:
             injected: current from outside, [T, B, N].
             sign: [B] of the network's dtype, -1 where dopamine is released with a negative sign; +1 if None.
-            raster: bool [T, B, N] to be filled with who fired.
+            raster: bool [T, b, N] to be filled with who fired in the first b trials.
         """
         sign = torch.ones_like(self.pending[:, 0, 0]) if sign is None else sign
         steps = len(injected)
@@ -207,7 +207,7 @@ class Network(nn.Module):
         for k in range(steps):
             fired = self.step(background[k], injected[k], sign)
             if raster is not None:
-                raster[k] = fired
+                raster[k] = fired[: raster.shape[1]]
 
     def step(self, background: Tensor, injected: Tensor, sign: Tensor) -> Tensor:
         """One millisecond; the one definition of the order of events inside it. Returns who fired, bool [B, N].

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from torch.utils.tensorboard import SummaryWriter
 
-from snnrl.files import sync, write
+from snnrl.alarms import POINTS, Alarms
+from snnrl.board import ALARMS, CORRECT, DOPAMINE, ELIGIBILITY, FIRING, FOOD, OF_ROLE, RATE, WEIGHT, Board
+from snnrl.files import write
+from snnrl.film import PATH, Film
 from snnrl.loop import Simulation
+from snnrl.schema import RecordConfig
 from snnrl.synapses import Projection
 from snnrl.world import TOUCHES
 
@@ -32,37 +35,62 @@ def keep_events(folder: Path, size: int) -> None:
             file.unlink()
 
 
+def ticks_of(seconds: float | None, tick: int) -> int:
+    """Whole ticks (ms each) of an interval, at least one; 0 for none."""
+    return max(1, round(1000 * seconds / tick)) if seconds else 0
+
+
 class Recorder:
-    """Samples a simulation.
+    """Samples a simulation, watches over it and shows it.
 
     Args:
         simulation: what is sampled; projections with a role are followed.
-        events: folder for TensorBoard events; None writes none.
+        config: what is kept and how often.
+        ticks: of the whole run.
+        folder: of the run.
+        learnt: which trials have learnt by now, bool [B]; None where nothing says so.
+        choices: the run's row in TensorBoard's table of hyperparameters.
         state: what `state_dict` gave of the recorder of the run's part so far; see also `keep_events`.
     """
 
-    def __init__(self, simulation: Simulation, events: Path | None, state: Mapping[str, Any] | None = None) -> None:
-        self.simulation, self.events = simulation, events
-        self.writer = None if events is None else SummaryWriter(str(events))
+    def __init__(
+        self,
+        simulation: Simulation,
+        config: RecordConfig,
+        ticks: int,
+        folder: Path,
+        learnt: Callable[[], torch.Tensor] | None = None,
+        choices: Mapping[str, str | float] | None = None,
+        state: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.simulation, self.folder, self.learnt = simulation, folder, learnt
         self.followed = [p for p in simulation.network.projections.values() if p.role]
         self.groups = list(simulation.network.groups)
         self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
         self._samples: dict[str, list[np.ndarray]] = {}
         self._before = self._counts()
+        self._apart = max(1, round(config.alarms.synchronised_over / (POINTS * config.every)))  # samples
+        part: Mapping[str, Any] = state or {}
         if state is not None:
             self._samples = {key: list(values.numpy()) for key, values in state["samples"].items()}
             self._before = state["before"]
+        self.alarms = Alarms(config.alarms, simulation, [p.role for p in self.followed], part.get("alarms"))
+        self.board = Board(folder) if config.tensorboard else None
+        every = (config.histograms, config.pictures) if self.board else (0.0, 0.0)
+        self.histograms, pictures = (ticks_of(seconds, simulation.coding.tick) for seconds in every)
+        self.film = Film(simulation, pictures, ticks, part.get("film"))
+        if self.board and state is None:
+            self.board.begin(self.followed, choices or {}, learnt is not None)
 
     def state_dict(self) -> dict[str, Any]:
         """All that has been sampled, and how many bytes of events are on the disk for good."""
-        size = 0
-        if self.writer is not None and self.events is not None:
-            self.writer.flush()
-            for file in self.events.glob("events.out.tfevents.*"):
-                sync(file)
-                size += file.stat().st_size
-        samples = {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()}
-        return {"samples": samples, "before": self._before, "events": size}
+        return {
+            "samples": {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()},
+            "before": self._before,
+            "alarms": self.alarms.state_dict(),
+            "film": self.film.state_dict(),
+            "events": self.board.flush() if self.board else 0,
+        }
 
     def _counts(self) -> dict[str, torch.Tensor]:
         """What only ever grows: ms, touches, spikes, and the sum of dopamine's level over all ms."""
@@ -72,19 +100,24 @@ class Recorder:
             counts["dopamine"] = dopamine.total
         return {key: values.cpu().clone() for key, values in counts.items()}
 
-    def sample(self) -> float:
-        """Take one sample; returns the food collection rate (items/s) of the time since the last one."""
+    def sample(self) -> tuple[float, list[str]]:
+        """Take one sample.
+
+        Returns the food collection rate (items/s) of the time since the last one, and a line for each kind of
+        alarm that has occurred for the first time.
+        """
         network = self.simulation.network
         counts = self._counts()
         change = {key: values - self._before[key] for key, values in counts.items()}
         seconds, span = int(counts["ms"]) / 1000.0, int(change["ms"]) / 1000.0
-        then, self._before = int(self._before["ms"]) / 1000.0, counts
+        step, last = round(seconds), round(int(self._before["ms"]) / 1000.0)
+        self._before = counts
         sample = {
             "time": torch.tensor(seconds),
             "collection_rate": change["touches"][:, 0] / span,
             "firing_rate": change["spikes"] / (self._sizes * span),
-            "weight": torch.stack([p.mean_weight() for p in self.followed], 1),
-            "eligibility": torch.stack([p.mean_eligibility() for p in self.followed], 1),
+            "weight": self._of_each(Projection.mean_weight),
+            "eligibility": self._of_each(Projection.mean_eligibility),
             "position": self.simulation.world.position,
             "heading": self.simulation.world.heading,
             "nearest_item": self.simulation.world.nearest_item(),
@@ -93,23 +126,64 @@ class Recorder:
             sample["dopamine"] = change["dopamine"] / int(change["ms"])
         for key, values in sample.items():
             self._samples.setdefault(key, []).append(values.float().cpu().numpy().copy())
-        if self.writer is not None and int(seconds) > int(then):
-            self._write_events(int(seconds))
-        return float(sample["collection_rate"].mean())
+        weight = torch.from_numpy(np.stack(self._samples["weight"][:: -self._apart][:POINTS][::-1]))
+        rung = {kind: self.alarms.explain(kind) for kind in self.alarms.check(weight)}
+        if self.board is not None:
+            for kind, line in rung.items():
+                self.board.note(f"alarm: {kind}", line, step)
+            if step > last:
+                self.board.scalars(self._scalars(), step)
+        return float(sample["collection_rate"].mean()), list(rung.values())
 
-    def _write_events(self, seconds: int) -> None:
-        assert self.writer is not None
+    def _of_each(self, mean: Callable[[Projection], torch.Tensor]) -> torch.Tensor:
+        """[B, P]"""
+        if not self.followed:
+            return torch.zeros(self.simulation.trials, 0)
+        return torch.stack([mean(p) for p in self.followed], 1)
+
+    def _scalars(self) -> dict[str, float]:
+        """Means over trials of the latest sample, by their tags."""
         latest = {key: values[-1] for key, values in self._samples.items()}
-        self.writer.add_scalar("collection rate, items per s/food", latest["collection_rate"].mean(), seconds)
+        values = {FOOD: float(self.simulation.world.touches[:, 0].double().mean())}
+        values[RATE] = latest["collection_rate"].mean()
+        if self.learnt is not None:
+            values[CORRECT] = float(self.learnt().double().mean())
         if "dopamine" in latest:
-            self.writer.add_scalar("dopamine/level, uM", latest["dopamine"].mean(), seconds)
+            values[DOPAMINE] = latest["dopamine"].mean()
+        roles: dict[str, list[float]] = {}
         for k, projection in enumerate(self.followed):
-            self.writer.add_scalar(f"weight, mV/{projection.name}", latest["weight"][:, k].mean(), seconds)
-        for k, group in enumerate(self.groups):
-            self.writer.add_scalar(f"firing rate, Hz/{group}", latest["firing_rate"][:, k].mean(), seconds)
+            weight = values[f"{WEIGHT}/{projection.name}"] = latest["weight"][:, k].mean()
+            values[f"{ELIGIBILITY}/{projection.name}"] = latest["eligibility"][:, k].mean()
+            roles.setdefault(projection.role, []).append(weight)
+        values |= {f"{OF_ROLE}/{role}": sum(means) / len(means) for role, means in roles.items()}
+        values |= {f"{FIRING}/{group}": latest["firing_rate"][:, k].mean() for k, group in enumerate(self.groups)}
+        return values | {f"{ALARMS}/{kind}": count for kind, count in self.alarms.counts().items()}
 
-    def save(self, folder: Path, correct: torch.Tensor | None) -> None:
-        """Write series.npz, weights.npz and trials.csv, and close the events.
+    def show(self, done: int) -> None:
+        """Write the histograms and pictures that are due after so many ticks."""
+        network, world = self.simulation.network, self.simulation.world
+        seconds = int(network.time) / 1000.0
+        step = round(seconds)
+        if self.board is None:
+            return
+        if self.histograms and done % self.histograms == 0:
+            self.board.histograms(self.followed, network.plasticity.weight_max, step)
+        if self.film.due(done):
+            from snnrl import pictures  # matplotlib takes a while
+
+            fired = self.film.fired.numpy()
+            shown = {
+                f"last {PATH // 1000} s in the arena": pictures.arena(world, self.film.path.numpy()),
+                "last spikes": pictures.spike_raster(network, fired, seconds - len(fired) / 1000.0),
+                "weights": pictures.weight_matrix(network, self.followed or list(network.projections.values())),
+            }
+            for tag, drawn in shown.items():
+                if drawn is not None:
+                    trial = int(network.draws.trials[0])
+                    self.board.picture(f"trial {trial}/{tag}", pictures.pixels(drawn), step)
+
+    def save(self) -> torch.Tensor | None:
+        """Write series.npz, weights.npz and trials.csv, and close the events; which trials have learnt, bool [B].
 
         series.npz holds `time` [T] (s), `collection_rate` [T, B] (items/s), `weight` and `eligibility`
         [T, B, P] (means, absent synapses as zeros), `firing_rate` [T, B, G] (Hz), `dopamine` [T, B] (uM),
@@ -126,12 +200,13 @@ class Recorder:
             "groups": np.array(self.groups),
             "trials": trials,
         }
+        folder, correct = self.folder, None if self.learnt is None else self.learnt()
         write(folder / "series.npz", _npz({**series, **names}))
         write(folder / "weights.npz", _npz({p.name: _dense(p) for p in self.followed}))
         write(folder / "trials.csv", self._table(trials, correct))
-        if self.writer is not None:
-            self.writer.flush()  # unlike close, says so if an event could not be written
-            self.writer.close()
+        if self.board is not None:
+            self.board.end()
+        return correct
 
     def _table(self, trials: np.ndarray, correct: torch.Tensor | None) -> str:
         text = io.StringIO()

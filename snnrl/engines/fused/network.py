@@ -430,6 +430,12 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster):
             net.eligibility[low:high] *= net.fading[steps]
 
 
+@njit(forceinline=True)
+def raster_of(raster, trial):
+    """A trial's [T, N] of a raster [T, b, N]; without rows if the raster is of fewer trials."""
+    return raster[:, trial] if trial < raster.shape[1] else raster[:0, 0]
+
+
 @njit(nogil=True, cache=True)
 def run_network(net, low, high, time, injected, sign, raster):
     """Open loop: trials low to high through all rows of `injected` [T, B, N]."""
@@ -437,8 +443,9 @@ def run_network(net, low, high, time, injected, sign, raster):
     neurons = net.v.shape[1]
     for trial in range(low, high):
         load(net, work, trial)
+        shown = raster_of(raster, trial)
         for at in range(0, injected.shape[0], BLOCK):
             rows = injected[at : at + BLOCK, trial]
-            spikes = raster[at : at + BLOCK, trial]
+            spikes = shown[at : at + BLOCK]
             run_block(net, work, trial, time + at, rows, 0, neurons, sign[trial], spikes)
         store(net, work, trial)
