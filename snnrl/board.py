@@ -19,6 +19,7 @@ WEIGHT, ELIGIBILITY, OF_ROLE = "weight, mV", "eligibility", "weight of role, mV"
 FIRING, ALARMS = "firing rate, Hz", "alarms, trials"
 WEIGHTS = "weights of all trials, mV"  # a tag of its own: TensorBoard takes one for one kind of data
 BINS = 60
+WITHOUT_EFFECT = ("threads", "record.", "checkpoint.")
 
 
 class Board:
@@ -42,7 +43,7 @@ class Board:
         """
         if charts := layout(followed):
             self._writer.add_summary(summary.custom_scalars(charts))
-        metrics = [FOOD, RATE, *([CORRECT] if judged else [])]
+        metrics = [FOOD, *([CORRECT] if judged else [])]
         experiment, start, _ = summary.hparams(dict(choices), dict.fromkeys(metrics))
         self._writer.add_summary(experiment)
         self._writer.add_summary(start)
@@ -91,14 +92,15 @@ class Board:
 
 
 def choices(overrides: Iterable[str], **always: str | float) -> dict[str, str | float]:
-    """What a command line has chosen, by key, numbers as such; and what it chooses in any case."""
+    """What a command line has chosen that may change a result, by key, numbers as such; and what there always is."""
     chosen: dict[str, str | float] = {}
     for override in overrides:
         key, _, text = override.lstrip("+").partition("=")
-        try:
-            chosen[key] = float(text)
-        except ValueError:
-            chosen[key] = text
+        if not key.startswith(WITHOUT_EFFECT):
+            try:
+                chosen[key] = float(text)
+            except ValueError:
+                chosen[key] = text
     return {**chosen, **always}
 
 
