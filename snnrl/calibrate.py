@@ -2,7 +2,7 @@
 
     python -m snnrl.calibrate [--points 40] [--trials 16] [--study runs/calibration.db]
     python -m snnrl.calibrate --sensitivity    # change the values in conf/ one at a time
-    python -m snnrl.calibrate --record         # write what the study holds into the package, for the report
+    python -m snnrl.calibrate --record NOTE    # write what the study holds into the package, for the report
 
 The study is kept in the file; running the command again continues it. Seeds of the fit start at 1,000,000,
 far from those of the runs that are reported.
@@ -232,11 +232,12 @@ def vary(study: optuna.Study, trials: int) -> None:
         print(f"{loss(found):.2f}  {name or 'conf/'} {'' if value is None else value}")
 
 
-def record(fit: optuna.Study, sensitivity: optuna.Study) -> dict[str, Any]:
-    """What the report shows of both studies."""
+def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str, Any]:
+    """What the report shows of both studies, and what there is to say of them."""
     finished = [trial for trial in fit.get_trials() if trial.value is not None]
     return {
         "values": present(),
+        "note": note,
         "first_seed": FIRST_SEED,
         "trials": sorted({trial.user_attrs["trials"] for trial in finished}),
         "history": [{"number": trial.number, "loss": trial.value, "values": trial.params} for trial in finished],
@@ -252,15 +253,17 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=16, help="trials a cell and point")
     parser.add_argument("--study", type=Path, default=Path("runs/calibration.db"))
     parser.add_argument("--sensitivity", action="store_true", help="vary the values in conf/ one at a time instead")
-    parser.add_argument("--record", action="store_true", help=f"write the studies to {CALIBRATION.name} instead")
+    parser.add_argument(
+        "--record", metavar="NOTE", help=f"write the studies, and a note, to {CALIBRATION.name} instead"
+    )
     arguments = parser.parse_args()
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     fit, sensitivity = (
         optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)
         for name in ("calibration", "sensitivity")
     )
-    if arguments.record:
-        write_json(CALIBRATION, record(fit, sensitivity))
+    if arguments.record is not None:
+        write_json(CALIBRATION, record(fit, sensitivity, arguments.record))
     elif arguments.sensitivity:
         vary(sensitivity, arguments.trials)
     else:

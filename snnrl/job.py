@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -24,13 +25,15 @@ from typing import Any
 import torch
 
 from snnrl import checkpoint
+from snnrl.analysis.criteria import correct
+from snnrl.board import choices
 from snnrl.builder import build, build_task
 from snnrl.checkpoint import Checkpoint, difference, settings
 from snnrl.config import dump, load
 from snnrl.engines import Engine, make_engine
 from snnrl.files import FolderError, owned, write, write_json
 from snnrl.loop import Simulation, TaskSimulation
-from snnrl.record import Recorder, keep_events
+from snnrl.record import Recorder, keep_events, ticks_of
 from snnrl.record_task import TaskRecorder
 from snnrl.schema import Config
 
@@ -96,7 +99,13 @@ class Progress:
             f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {state}  "
             f"{speed / 1000.0:.2f} million trial-ms/s, {speed:,.0f} x real time  {left:.0f} s left"
         )
-        end = "\r" if self.redraws and part < 1.0 else "\n"
+        self._print(line, "\r" if self.redraws and part < 1.0 else "\n")
+
+    def say(self, line: str) -> None:
+        """A line that stays."""
+        self._print(f"{self.name}  {line}", "\n")
+
+    def _print(self, line: str, end: str) -> None:
         print(f"{line:<{shutil.get_terminal_size().columns - 1}}" if self.redraws else line, end=end, file=sys.stderr)
 
 
@@ -184,6 +193,11 @@ def description(config: Config) -> dict[str, Any]:
     }
 
 
+def finite(value: torch.Tensor) -> float | None:
+    """A number for JSON; None for one that is infinite or no number."""
+    return float(value) if value.isfinite() else None
+
+
 def simulate(
     config: Config,
     simulation: Simulation | TaskSimulation,
@@ -195,27 +209,39 @@ def simulate(
     """Run a simulation from where it is to its end, and write its results to `folder`."""
     tick = simulation.tick_length
     ticks, sampled, saves = (
-        max(1, round(1000 * seconds / tick)) if seconds else 0
-        for seconds in (config.seconds, config.record.every, config.checkpoint.every)
+        ticks_of(seconds, tick) for seconds in (config.seconds, config.record.every, config.checkpoint.every)
     )
-    events, begun = folder if config.record.tensorboard else None, saved.recorder if saved else None
+    overrides = read_summary(folder)["overrides"]
+    rules = config.experiment.correct
+    begun = saved.recorder if saved else None
     recorder: Recorder | TaskRecorder
     if isinstance(simulation, TaskSimulation):
-        recorder = TaskRecorder(simulation, events, begun)
+        recorder = TaskRecorder(simulation, folder, config.record.tensorboard, begun)
     else:
-        recorder = Recorder(simulation, events, begun)
+        learnt = partial(correct, simulation.network, rules) if rules else None
+        named = choices(overrides, experiment=config.experiment.name, robot=config.robot.name, seed=config.seed)
+        recorder = Recorder(simulation, config.record, ticks, folder, learnt, named, begun)
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds)
     progress.started -= saved.wall if saved else 0.0
     first = round(1000 * config.record.start / tick)
     done, pace = int(simulation.network.time) // tick, 1
     while done < ticks:
-        part = min(pace, sampled - (done - first) % sampled, *(n - done % n for n in (ticks, saves) if n))
+        part = min(
+            pace,
+            recorder.most(done),
+            sampled - (done - first) % sampled,
+            *(n - done % n for n in (ticks, saves) if n),
+        )
         began = time.perf_counter()
-        simulation.advance(engine, part)
+        recorder.advance(engine, done, part)
         done += part
         pace = pace * 2 if time.perf_counter() - began < SLICE else max(1, pace // 2)
         if (done >= first and (done - first) % sampled == 0) or done == ticks:
-            progress.show(done * tick / 1000.0, recorder.sample())
+            state, alarms = recorder.sample()
+            for line in alarms:
+                progress.say(line)
+            progress.show(done * tick / 1000.0, state)
+        recorder.show(done)
         if signals.received or (saves and done % saves == 0):
             wall = time.perf_counter() - progress.started
             checkpoint.save(folder, Checkpoint(settings(config), simulation.state_dict(), recorder.state_dict(), wall))
@@ -223,15 +249,16 @@ def simulate(
             at = f"at {done * tick / 1000.0:g} of {config.seconds:g} s"
             raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
     wall = time.perf_counter() - progress.started
-    results = recorder.save(folder, config.experiment.correct)
+    results, alarmed = recorder.save()
     summary = {
         **description(config),
-        "overrides": read_summary(folder)["overrides"],
+        "overrides": overrides,
         "complete": True,
         "seconds": ticks * tick / 1000.0,
         "engine": engine.name,
         "results": results,
-        "mean_weight": {p.name: float(p.mean_weight().mean()) for p in simulation.network.projections.values()},
+        "mean_weight": {p.name: finite(p.mean_weight().mean()) for p in simulation.network.projections.values()},
+        "alarms": alarmed,
         "wall_s": wall,
         "trial_ms_per_s": config.trials * ticks * tick / wall,
         "versions": {

@@ -55,7 +55,7 @@ class Simulation(nn.Module):
     def tick(self, raster: Tensor | None = None) -> None:
         """One control tick: act and sense, then the network runs for its length (the reference).
 
-        `raster`, bool [tick, B, N], is filled with who fired.
+        `raster`, bool [tick, b, N], is filled with who fired in the first b trials.
         """
         self.network.run(*self.act_and_sense(), raster)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
@@ -22,10 +23,12 @@ class Dopamine(nn.Module):
 
     Buffers:
         level: [B], uM.
+        total: float64 [B] in any precision of the network, sum of the level over all ms so far (uM ms).
         released: int64 [B, delay], a ring of spike counts; slot `t % delay` holds those of `t - delay`.
     """
 
     level: Tensor
+    total: Tensor
     released: Tensor
 
     def __init__(
@@ -45,7 +48,14 @@ class Dopamine(nn.Module):
         self.delay, self.threshold = delay, threshold
         self.decay = math.exp(-1.0 / tau)
         self.register_buffer("level", torch.full((trials,), baseline, dtype=dtype, device=device))
+        self.register_buffer("total", torch.zeros(trials, dtype=torch.float64, device=device))
         self.register_buffer("released", torch.zeros(trials, delay, dtype=torch.int64, device=device))
+
+    def _apply(self, fn: Callable[[Tensor], Tensor], recurse: bool = True) -> Dopamine:
+        total = self.total
+        super()._apply(fn, recurse)
+        self.total = total.to(self.released.device)
+        return self
 
     def step(self, spikes: Tensor, sign: Tensor, time: Tensor, reward: Tensor | None = None) -> None:
         """Take this ms's spike counts [B] into the delay line and bring the level up to date.
@@ -60,3 +70,4 @@ class Dopamine(nn.Module):
         level = self.baseline + (self.level - self.baseline) * self.decay
         level = level + sign * (self.release * counted)
         self.level.copy_(level if reward is None else level + reward)
+        self.total += self.level

@@ -208,7 +208,7 @@ class Network(nn.Module):
         Args:
             injected: current from outside, [T, B, N].
             sign: [B] of the network's dtype, -1 where dopamine is released with a negative sign; +1 if None.
-            raster: bool [T, B, N] to be filled with who fired.
+            raster: bool [T, b, N] to be filled with who fired in the first b trials.
             reward: dopamine released from outside (uM), [T, B]; none if None.
 
         Raises:
@@ -221,7 +221,7 @@ class Network(nn.Module):
         for k in range(steps):
             fired = self.step(background[k], injected[k], sign, None if reward is None else reward[k])
             if raster is not None:
-                raster[k] = fired
+                raster[k] = fired[: raster.shape[1]]
 
     def check_reward(self, reward: Tensor | None) -> None:
         """Raise ValueError for a reward that nothing could take up."""

@@ -13,9 +13,9 @@ import torch
 from torch.utils.tensorboard import SummaryWriter
 
 from snnrl.analysis.task_figures import draw_conditioning, draw_reinforcement, quarters
-from snnrl.files import write
+from snnrl.engines import Engine
+from snnrl.files import sync, write
 from snnrl.loop import TaskSimulation
-from snnrl.record import written
 
 BINS = 40  # of the histogram of weights
 
@@ -25,13 +25,16 @@ class TaskRecorder:
 
     Args:
         simulation: what is sampled.
-        events: folder for TensorBoard events; None writes none.
+        folder: of the run.
+        tensorboard: whether to write events.
         state: what `state_dict` gave of the recorder of the run's part so far.
     """
 
-    def __init__(self, simulation: TaskSimulation, events: Path | None, state: Mapping[str, Any] | None = None) -> None:
-        self.simulation, self.events = simulation, events
-        self.writer = None if events is None else SummaryWriter(str(events))
+    def __init__(
+        self, simulation: TaskSimulation, folder: Path, tensorboard: bool, state: Mapping[str, Any] | None = None
+    ) -> None:
+        self.simulation, self.folder = simulation, folder
+        self.writer = SummaryWriter(str(folder)) if tensorboard else None
         self.groups = list(simulation.network.groups)
         self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
         self._samples: dict[str, list[np.ndarray]] = {}
@@ -45,14 +48,34 @@ class TaskRecorder:
     def state_dict(self) -> dict[str, Any]:
         """All that has been sampled, and how many bytes of events are on the disk for good."""
         samples = {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()}
-        return {"samples": samples, "before": self._before, "events": written(self.writer, self.events)}
+        return {"samples": samples, "before": self._before, "events": self._written()}
+
+    def _written(self) -> int:
+        if self.writer is None:
+            return 0
+        self.writer.flush()
+        files = sorted(self.folder.glob("events.out.tfevents.*"))
+        for file in files:
+            sync(file)
+        return sum(file.stat().st_size for file in files)
+
+    def most(self, done: int) -> int:
+        """How many ticks may follow at once after `done`."""
+        return 1 << 60
+
+    def advance(self, engine: Engine, done: int, ticks: int) -> None:
+        """Run the next ticks."""
+        self.simulation.advance(engine, ticks)
+
+    def show(self, done: int) -> None:
+        """There are no pictures while a task runs."""
 
     def _counts(self) -> tuple[float, torch.Tensor]:
         network = self.simulation.network
         return int(network.time) / 1000.0, network.spike_count.cpu().clone()
 
-    def sample(self) -> str:
-        """Take one sample; returns how many rewards there were, in words."""
+    def sample(self) -> tuple[str, list[str]]:
+        """Take one sample; returns how many rewards there were, in words, and no alarms."""
         seconds, spikes = self._counts()
         then, spikes_then = self._before
         self._before = seconds, spikes
@@ -65,7 +88,7 @@ class TaskRecorder:
             scalars |= {f"task/{key}": float(value.double().mean()) for key, value in state.items() if value.dim() == 1}
             for name, value in scalars.items():
                 self.writer.add_scalar(name, value, round(seconds))
-        return f"{float(state['rewards'].double().mean()):.1f} rewards"
+        return f"{float(state['rewards'].double().mean()):.1f} rewards", []
 
     def _keep(self, values: dict[str, torch.Tensor]) -> None:
         for key, value in values.items():
@@ -104,17 +127,17 @@ class TaskRecorder:
     def _of_trials(values: list[torch.Tensor], function: object) -> torch.Tensor:
         return torch.stack([function(v) if len(v) else v.new_tensor(torch.nan) for v in values])  # type: ignore[operator]
 
-    def save(self, folder: Path, rules: Mapping[str, str]) -> dict[str, float | None]:
-        """Write series.npz, trials.csv and the figure, close the events; returns means over trials.
+    def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
+        """Write series.npz, trials.csv and the figure, close the events; returns means over trials, and no alarms.
 
         series.npz holds, sampled T times from the start on (sums since the start where it says so),
         `time` [T] (s), `rewards` [T, B] (sum), `dopamine` [T, B] (uM), `mean_weight` [T, B] (mV), and
         `firing_rate` [T - 1, B, G] (Hz) between samples. With a watched synapse `chosen_weight`, `max_weight`
         [T, B] (mV) and `coincidences` [T, B] (sum); mean and maximum are those of all other plastic synapses,
         whose `histogram` [B, 40] at the end has the `edges` [41]. With stimuli `presented` and `response`
-        [T, B, K] (sums). `groups` [G] are names, `trials` [B] numbers. There are no `rules` for tasks.
+        [T, B, K] (sums). `groups` [G] are names, `trials` [B] numbers.
         """
-        assert not rules
+        folder = self.folder
         network, task = self.simulation.network, self.simulation.task
         trials = network.draws.trials.cpu().numpy()
         edges = np.linspace(0.0, network.plasticity.weight_max, BINS + 1)
@@ -134,7 +157,7 @@ class TaskRecorder:
         write(folder / "trials.csv", _table(trials, row))
         if self.writer is not None:
             self.writer.close()
-        return {key: float(values.mean()) for key, values in row.items() if np.isfinite(values).all()}
+        return {key: float(values.mean()) for key, values in row.items() if np.isfinite(values).all()}, {}
 
     def _reinforcement(self, series: dict[str, np.ndarray], others: list[np.ndarray]) -> dict[str, np.ndarray]:
         """The watched synapse at the end, when it first came within 5 % of the top, and its rivals there."""

@@ -249,12 +249,31 @@ class ExperimentConfig:
 
 
 @dataclass
+class AlarmsConfig:
+    """Thresholds of `snnrl.alarms.Alarms`; null is never."""
+
+    silent: float | None = number(None, above=0.0)  # s
+    saturated: float | None = number(None, least=0.0, most=1.0)  # share of the plastic weights
+    synchronised: float | None = number(None, least=-1.0, most=1.0)  # correlation
+    synchronised_above: float = number(0.0, least=0.0)  # mV, both mean weights
+    synchronised_lead: float = number(1.0, least=0.0)  # of attraction over avoidance, with which all is well
+    synchronised_over: float = number(0.0, least=0.0)  # s that the correlation is over
+
+
+@dataclass
 class RecordConfig:
-    """How often (simulated s) and from when on the series are sampled, and whether TensorBoard events are written."""
+    """What is kept of a run, all in simulated s: `every` so many from `start` on the series are sampled.
+
+    `tensorboard` says whether events are written, `histograms` and `pictures` how often those of the weights
+    and of the first trial are; 0 is never. `alarms` are checked at every sample.
+    """
 
     every: float = number(above=0.0)
     start: float = number(0.0, least=0.0)
     tensorboard: bool = True
+    histograms: float = number(0.0, least=0.0)
+    pictures: float = number(0.0, least=0.0)
+    alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
 
 
 @dataclass

@@ -248,7 +248,7 @@ def test_the_command_leaves_a_table_and_a_plot(tmp_path: Path) -> None:
     [
         ("agents=[odd]", "agents=odd: must be one of spiking, random_walk"),
         ("sarsa_lambda.odd=2", "sarsa_lambda.odd: no such key; allowed here: bins, rate, discount, exploration, trace"),
-        ("+tasks.own=[+experiment\\=odd]", "Available options in 'experiment': dual_learning"),
+        ("+tasks.own=[+experiment\\=odd]", "Available options in 'experiment': classical_conditioning"),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_no_folder(tmp_path: Path, argument: str, message: str) -> None:

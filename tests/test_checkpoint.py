@@ -27,6 +27,7 @@ from snnrl.job import Interrupted, perform
 from snnrl.schema import Config
 
 OVERRIDES = ("+experiment=food_attraction", "trials=2", "seconds=21", "record.every=5", "threads=1", "seed=3")
+SHOWN = ("record.histograms=4", "record.pictures=15")
 WALL = ("wall_s", "trial_ms_per_s")
 
 
@@ -35,7 +36,7 @@ class Killed(BaseException):
 
 
 def make(*overrides: str) -> Config:
-    return compose_config(*OVERRIDES, "checkpoint.every=3", *overrides)
+    return compose_config(*OVERRIDES, *SHOWN, "checkpoint.every=3", *overrides)
 
 
 def new(folder: Path) -> Path:
@@ -51,9 +52,17 @@ def summary(folder: Path) -> dict[str, Any]:
     return json.loads((folder / "summary.json").read_text())
 
 
-def scalars(folder: Path) -> dict[str, list[tuple[int, float]]]:
-    events = EventAccumulator(str(folder)).Reload()
-    return {tag: [(event.step, event.value) for event in events.Scalars(tag)] for tag in events.Tags()["scalars"]}
+def board(folder: Path) -> dict[str, list[tuple[int, Any]]]:
+    """All that TensorBoard could show."""
+    limits = {"scalars": 0, "images": 0, "histograms": 0, "tensors": 0}
+    events = EventAccumulator(str(folder), limits).Reload()
+    read = {
+        "scalars": lambda tag: [(event.step, event.value) for event in events.Scalars(tag)],
+        "images": lambda tag: [(event.step, event.encoded_image_string) for event in events.Images(tag)],
+        "histograms": lambda tag: [(event.step, event.histogram_value) for event in events.Histograms(tag)],
+        "tensors": lambda tag: [(event.step, event.tensor_proto) for event in events.Tensors(tag)],
+    }
+    return {tag: values(tag) for kind, values in read.items() for tag in events.Tags()[kind]}
 
 
 def results(folder: Path) -> dict[str, Any]:
@@ -62,7 +71,7 @@ def results(folder: Path) -> dict[str, Any]:
     events = [name for name in left if "tfevents" in name]
     known = {key: value for key, value in summary(folder).items() if key not in WALL}
     rest = {name: left[name] for name in left if name not in events and name not in ("summary.json", "config.yaml")}
-    return {**rest, "summary": known, "scalars": scalars(folder)}
+    return {**rest, "summary": known, "board": board(folder)}
 
 
 def kill_at(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, call: int, after: bool = True) -> None:
@@ -93,7 +102,7 @@ def kill(folder: Path, config: Config, *where: Any, **options: Any) -> None:
 def whole(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """Results of a run without interruption and without checkpoints."""
     folder = tmp_path_factory.mktemp("whole")
-    perform(compose_config(*OVERRIDES), folder)
+    perform(compose_config(*OVERRIDES, *SHOWN), folder)
     return results(folder)
 
 

@@ -127,7 +127,7 @@ def test_one_pair_leaves_the_eligibility_of_the_rule() -> None:
 def test_more_sensor_neurons_fire_the_larger_the_value() -> None:
     values, raster = sensor_encoding(compose_config("+experiment=food_attraction", "robot=random_walk", "trials=1"))
     assert raster.shape == (len(values), 20)
-    assert not raster[values < 0.2].any()
+    assert not raster[values < 0.05].any()
     assert raster[values > 0.9].sum() > raster[(values > 0.45) & (values < 0.55)].sum() > 0
 
 

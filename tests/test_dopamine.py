@@ -123,3 +123,19 @@ def test_many_bursts_follow_the_oracle(delay: int, threshold: int, engine: str) 
     assert level[:, 0].tolist() == [close(value) for value in expected]
     run(engine, whole, injected)
     assert float(whole.dopamine.level) == close(expected[-1])
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+def test_total_is_the_sum_of_every_ms_level_in_any_parts(engine: str, dtype: torch.dtype) -> None:
+    network, whole = make(trials=2).to(dtype), make(trials=2).to(dtype)
+    assert network.dopamine is not None
+    assert whole.dopamine is not None
+    injected = silence(network, 250)
+    injected[30::60, 1] = SURE
+    _, (level,) = run_each(engine, network, injected, network.dopamine.level)
+    run(engine, whole, injected)
+    assert level[:, 1].max() > RELEASE
+    assert network.dopamine.total.dtype == torch.float64
+    assert torch.equal(network.dopamine.total, whole.dopamine.total)
+    assert network.dopamine.total.tolist() == pytest.approx(level.double().sum(0).tolist(), rel=1e-12)

@@ -124,6 +124,19 @@ def test_engines_agree_on_a_third_network() -> None:
     assert_close(state(second), state(first))
 
 
+@pytest.mark.parametrize("engine", ["reference", "fused"])
+def test_a_raster_may_be_of_the_first_trials_only(engine: str) -> None:
+    first = simulation("+experiment=food_attraction", "trials=3")
+    second = copy.deepcopy(first)
+    ticks, tick = 4, first.coding.tick
+    whole = torch.zeros(ticks * tick, 3, first.network.size, dtype=torch.bool)
+    part = torch.zeros(ticks * tick, 1, first.network.size, dtype=torch.bool)
+    make_engine(engine, "cpu", 2).run(first, ticks, whole)
+    make_engine(engine, "cpu", 2).run(second, ticks, part)
+    assert part.any()
+    assert torch.equal(part, whole[:, :1])
+
+
 def test_engines_agree_statistically_in_float32() -> None:
     food = {}
     for engine in ("reference", "fused"):

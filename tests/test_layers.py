@@ -34,8 +34,12 @@ def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> 
     assert importers("omegaconf") == {"run.py", "baselines.py", "config.py", "schema.py"}
 
 
-def test_only_the_recorders_know_tensorboard() -> None:
-    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"record.py", "record_task.py"}
+def test_only_the_board_and_the_task_recorder_know_tensorboard() -> None:
+    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"board.py", "record_task.py"}
+
+
+def test_what_records_knows_nothing_of_the_analysis() -> None:
+    assert not {"record.py", "board.py", "film.py", "alarms.py", "pictures.py"} & importers("snnrl.analysis")
 
 
 def test_only_the_fused_engine_knows_numba() -> None:

@@ -35,6 +35,7 @@ from snnrl.job import perform
 from snnrl.network import Network
 from snnrl.neurons import NEVER
 from snnrl.replay import Original, Recording, record
+from snnrl.schema import Config
 
 TRIAL, SECONDS, FROM = 17, 5.6, 2.1  # trial 17 finds food at 2.5 s and at 5.3 s
 HOW_TO = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()
@@ -105,11 +106,20 @@ def test_the_changes_of_weight_add_up(recording: Recording) -> None:
         assert reward.dopamine == pytest.approx(level.sum())
 
 
+def food_tick(config: Config) -> int:
+    """The tick in which the trial's first item is taken."""
+    simulation, engine = build(config), make_engine("fused", "cpu", 1)
+    while not int(simulation.world.touches[0, 0]):
+        engine.run(simulation, 1)
+    return int(simulation.network.time) // simulation.coding.tick
+
+
 def test_dopamine_times_eligibility_is_what_the_network_itself_computes(run: Run) -> None:
     config = load(run.folder / "config.yaml")
     config = replace(config, trials=1, trial_start=TRIAL, dtype="float64", record=replace(config.record, every=100.0))
     nothing = Original(run.folder / "none", TRIAL)
-    made = record(config, 30, 42, nothing)
+    first = food_tick(config)
+    made = record(config, first - 2, first + 10, nothing)
     [reward] = [reward for reward in made.credit.rewards if reward.cause == "food"]
     assert reward.end < made.end
     simulation, engine = build(config), make_engine("fused", "cpu", 1)
@@ -263,7 +273,7 @@ def test_the_how_to_loads_what_was_written(
     library: str, run: Run, replayed: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip(library, reason=f"{library} is not installed")
-    blocks = re.findall(r"```python\n(.*?)```", HOW_TO, re.DOTALL)
+    blocks = re.findall(r"```py\n(.*?)```", HOW_TO, re.DOTALL)
     own = next(block for block in blocks if f"import {library}" in block)
     monkeypatch.chdir(replayed)
     names: dict[str, object] = {}

@@ -1,25 +1,31 @@
 """Speed of the closed loop, world included, after compilation: one JSON line a case.
 
-    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200]
+    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200] [--recorded 1000]
 
 The unit is trial-milliseconds per second. Every case starts from the same state, that of a robot which
 has learnt for the warm-up, and engines take turns, so that ratios hold when the machine's speed drifts.
+The last lines say what share of a whole run of `--recorded` s its recording takes at its defaults.
 """
 
 from __future__ import annotations
 
 import argparse
 import copy
+import io
 import json
 import platform
 import statistics
 import time
+from contextlib import redirect_stderr
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import torch
 
 from snnrl.builder import build
 from snnrl.config import compose
 from snnrl.engines import Engine, make_engine
+from snnrl.job import perform
 from snnrl.loop import Simulation
 
 ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
@@ -47,6 +53,28 @@ def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
     return fresh.trials * count * fresh.coding.tick / (time.perf_counter() - started)
 
 
+def duration(robot: str, trials: int, seconds: float, threads: int, *overrides: str) -> float:
+    """Wall time (s) of a whole run in a folder."""
+    options = (f"trials={trials}", f"seconds={seconds}", f"threads={threads}", *overrides)
+    config = compose(f"+experiment={ROBOTS[robot]}", *options)
+    with TemporaryDirectory() as folder, redirect_stderr(io.StringIO()):
+        started = time.perf_counter()
+        perform(config, Path(folder))
+        return time.perf_counter() - started
+
+
+def recording(robot: str, trials: int, seconds: float, threads: int, repeats: int) -> float:
+    """Share of a run (%) that its recording takes: medians of runs with it and without, which take turns."""
+    without = ("record.tensorboard=false", f"record.every={seconds}", f"record.start={seconds}")
+    duration(robot, trials, 2.0, threads)  # imports
+    pairs = [
+        (duration(robot, trials, seconds, threads), duration(robot, trials, seconds, threads, *without))
+        for _ in range(repeats)
+    ]
+    recorded, bare = (statistics.median(times) for times in zip(*pairs, strict=True))
+    return 100.0 * (recorded - bare) / recorded
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, nargs="+", default=[1, 50])
@@ -54,6 +82,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--warm-up", type=float, default=200.0)
+    parser.add_argument("--recorded", type=float, default=1000.0)
     arguments = parser.parse_args()
     fused, reference = make_engine("fused", "cpu", arguments.threads), make_engine("reference", "cpu")
     if arguments.threads:
@@ -72,6 +101,10 @@ def main() -> None:
                 print(json.dumps({**case, "engine": engine, "trial_ms_per_s": rounded}), flush=True)
             ratio = statistics.median(quick / slow for quick, slow in pairs)
             print(json.dumps({**case, "fused_over_reference": round(ratio, 1)}), flush=True)
+    for robot in ROBOTS:
+        for trials in arguments.trials:
+            share = recording(robot, trials, arguments.recorded, arguments.threads, arguments.repeats)
+            print(f"recording: {share:.1f} % of a run ({robot}, {trials} trials, {arguments.recorded:g} s)", flush=True)
     machine = {"machine": platform.processor() or platform.machine(), "torch": torch.__version__}
     print(json.dumps(machine))
 

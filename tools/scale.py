@@ -28,12 +28,12 @@ from typing import Any
 
 import numpy as np
 
-from snnrl.analysis.style import ATTRACTION, PUBLISHED, figure
 from snnrl.builder import build
 from snnrl.config import compose
 from snnrl.engines import make_engine
 from snnrl.files import write
 from snnrl.job import perform
+from snnrl.style import ATTRACTION, PUBLISHED, figure
 
 TIME = 1.5  # time may grow by so much more than the size
 MEMORY = 1.5  # and so may memory beyond that of the start

@@ -11,18 +11,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from snnrl.analysis import style
+from snnrl import style
 from snnrl.analysis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, smooth, taxis
 from snnrl.analysis.fit import heat_maps, history, sensitivity
 from snnrl.analysis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.analysis.published import published
 from snnrl.analysis.runs import Run
-from snnrl.analysis.style import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON, ROBOTS, band, figure, mark
 from snnrl.builder import build
 from snnrl.config import compose
 from snnrl.engines import make_engine
+from snnrl.pictures import draw_world
 from snnrl.schema import Config
-from snnrl.world import World
+from snnrl.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, ROBOTS, band, figure, mark
 
 RATE = "collection rate (items/s)"
 WEIGHT = "mean weight (mV)"
@@ -386,22 +386,6 @@ def orbit_path(runs: Runs) -> Figure:
         axis.add_patch(Circle((centre[0], centre[1]), run.config["world"]["item_radius"], color=FOOD))
         axis.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal", title=f"{style.robot_name(robot)}, {seconds:g} s")
     return drawn
-
-
-def draw_world(axis: Axes, world: World, poison: bool = False) -> None:
-    """A world of one trial as it is, with its containers, items (food or poison) and robot."""
-    for k, centre in enumerate(world.containers[0].tolist()):
-        full = k < world.food_containers
-        axis.add_patch(
-            Circle(tuple(centre), world.container_radius, fc=CONTAINER if full else "none", ec="#999933", lw=1)
-        )
-    for centre in world.items[0].tolist():
-        axis.add_patch(Circle(tuple(centre), world.item_radius, color=POISON if poison else FOOD))
-    x, y = world.position[0].tolist()
-    heading = float(world.heading[0])
-    axis.plot(x, y, marker=(3, 0, np.degrees(heading) - 90), color="#332288", ms=8)
-    axis.grid(False)
-    axis.set(xlim=(0, world.side), ylim=(0, world.side), aspect="equal", xlabel="x (cm)")
 
 
 def environments(_: Runs) -> Figure:

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from snnrl.analysis.runs import Run
-from snnrl.analysis.style import OTHER, figure
 from snnrl.schema import PlasticityConfig
+from snnrl.style import OTHER, figure
 
 CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record
 PLANES = (("potentiation", "depression"), ("tau_plus", "tau_minus"))

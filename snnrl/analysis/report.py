@@ -14,7 +14,7 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 from PIL import Image
 
-from snnrl.analysis import style
+from snnrl import style
 from snnrl.analysis.claims import Claim, claims, first_food
 from snnrl.analysis.compare import Cell, compare, finite
 from snnrl.analysis.figures import drawings

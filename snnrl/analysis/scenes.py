@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from snnrl.analysis.figures import draw_world
-from snnrl.analysis.style import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON, STYLE, figure
+from snnrl.pictures import draw_world
+from snnrl.style import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON, STYLE, figure
 from snnrl.world import TOUCHES
 
 if TYPE_CHECKING:

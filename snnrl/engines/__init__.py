@@ -18,7 +18,7 @@ class Engine(Protocol):
     name: str
 
     def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
-        """Closed loop: `ticks` control ticks. `raster` is bool [ticks * tick, B, N] to be filled."""
+        """Closed loop: `ticks` control ticks. `raster`, bool [ticks * tick, b, N], is filled: the first b trials'."""
 
     def run_network(
         self,

@@ -110,6 +110,7 @@ class FusedEngine:
             "weight": synapses.weight,
             "eligibility": synapses.eligibility,
             "level": network.pending.new_zeros(network.trials) if dopamine is None else dopamine.level,
+            "total": torch.zeros(network.trials, dtype=torch.float64) if dopamine is None else dopamine.total,
             "released": network.spike_count.new_zeros(network.trials, 1) if dopamine is None else dopamine.released,
             "trials": network.draws.trials,
         }

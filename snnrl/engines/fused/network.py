@@ -49,6 +49,7 @@ class NetworkArrays(NamedTuple):
     pending: Any
     spike_count: Any
     level: Any
+    total: Any  # float64 [B]
     released: Any
     weight: Any
     eligibility: Any
@@ -377,7 +378,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster, reward)
     slots, constants = net.pending.shape[1], net.constants
     decay, baseline, release = constants[DECAY], constants[BASELINE], constants[RELEASE]
     zero = baseline - baseline
-    drive, level = zero, net.level[trial]
+    drive, level, total = zero, net.level[trial], net.total[trial]
     learns = net.plastic > 0 and net.modulated
     sets = len(work.total) > 0
     positive = level >= zero
@@ -419,6 +420,7 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster, reward)
             level = baseline + (level - baseline) * decay + sign * (release * net.level.dtype.type(arrived))
             if reward is not None and len(reward):
                 level += reward[k]
+            total += level
         if learns:
             if (level >= zero) != positive:
                 settle_all(net, trial, drive)
@@ -434,12 +436,18 @@ def run_block(net, work, trial, time, injected, low, high, sign, raster, reward)
                 drive = zero
         if found:
             send(net, work, trial, now, drive)
-    net.level[trial] = level
+    net.level[trial], net.total[trial] = level, total
     if learns:
         settle_all(net, trial, drive)
         for p in range(net.plastic):
             low, high = synapses_of(net, p, trial)
             net.eligibility[low:high] *= net.fading[steps]
+
+
+@njit(forceinline=True)
+def raster_of(raster, trial):
+    """A trial's [T, N] of a raster [T, b, N]; without rows if the raster is of fewer trials."""
+    return raster[:, trial] if trial < raster.shape[1] else raster[:0, 0]
 
 
 @njit(nogil=True, cache=True)
@@ -449,9 +457,10 @@ def run_network(net, low, high, time, injected, sign, raster, reward):
     neurons = net.v.shape[1]
     for trial in range(low, high):
         load(net, work, trial)
+        shown = raster_of(raster, trial)
         for at in range(0, injected.shape[0], BLOCK):
             rows = injected[at : at + BLOCK, trial]
-            spikes = raster[at : at + BLOCK, trial]
+            spikes = shown[at : at + BLOCK]
             rewards = reward[at : at + BLOCK, trial]
             run_block(net, work, trial, time + at, rows, 0, neurons, sign[trial], spikes, rewards)
         store(net, work, trial)

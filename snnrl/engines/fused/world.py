@@ -15,6 +15,7 @@ from snnrl.engines.fused.network import (
     load,
     make_work,
     padded_width,
+    raster_of,
     run_block,
     store,
 )
@@ -303,13 +304,14 @@ def run_ticks(net, world, coding, low, high, time, ticks, raster):
     one = net.fading[0]
     for trial in range(low, high):
         load(net, work, trial)
+        shown = raster_of(raster, trial)
         for k in range(ticks):
             now = time + k * coding.tick
             step_world(net, world, coding, trial, now, tick.touched)
             first, last = encode(net, world, coding, trial, now, tick)
             sign = -one if now >= world.poison_from else one
             for at in range(0, coding.tick, BLOCK):
-                spikes = raster[k * coding.tick + at : (k + 1) * coding.tick, trial][:BLOCK]
+                spikes = shown[k * coding.tick + at : (k + 1) * coding.tick][:BLOCK]
                 if at:
                     first, last = 0, net.v.shape[1]
                 rows = tick.current[at : at + BLOCK]

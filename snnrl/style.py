@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
+from scipy.special import stdtrit
 
 # Okabe and Ito's palette, safe for the colour-blind
 ROBOTS: Mapping[str, str] = {
@@ -60,7 +60,7 @@ def robot_name(robot: str) -> str:
 def band(axis: Axes, time: np.ndarray, values: np.ndarray, colour: str, label: str, **options: Any) -> None:
     """Mean of [T, B] over trials with its 95 % interval; the area shows the standard deviation over trials."""
     mean, sd = values.mean(1), values.std(1)
-    half = stats.t.ppf(0.975, max(values.shape[1] - 1, 1)) * sd / np.sqrt(values.shape[1])
+    half = stdtrit(max(values.shape[1] - 1, 1), 0.975) * sd / np.sqrt(values.shape[1])
     axis.fill_between(time, mean - sd, mean + sd, color=colour, alpha=0.10, linewidth=0)
     axis.fill_between(time, mean - half, mean + half, color=colour, alpha=0.30, linewidth=0)
     axis.plot(time, mean, color=colour, label=label, **options)

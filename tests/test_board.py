@@ -1,0 +1,173 @@
+"""The real TensorBoard on small runs: what its pages are given, over HTTP, and how one looks in a browser."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+import urllib.parse
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers import compose_config
+from PIL import Image
+from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+from snnrl.job import perform
+
+SWEEP = {"a": ["network.dopamine.tau=25", "seed=3"], "b": ["network.dopamine.tau=40", "seed=3"]}
+RUN = ["+experiment=dual_learning", "trials=2", "trial_start=7", "seconds=30", "threads=1"]
+RECORD = ["record.every=2", "record.histograms=10", "record.pictures=20"]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs as a sweep leaves them."""
+    folder = tmp_path_factory.mktemp("runs")
+    for name, overrides in SWEEP.items():
+        (folder / name).mkdir()
+        perform(compose_config(*RUN, *RECORD, *overrides), folder / name, [RUN[0], *RECORD, *overrides])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def address(runs: Path) -> Iterator[str]:
+    """Of a TensorBoard that has read both runs."""
+    script = str(Path(sys.executable).with_name("tensorboard"))
+    command = [script, "--logdir", str(runs), "--host", "127.0.0.1", "--port", "0", "--load_fast", "false"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stderr is not None
+            found = next(match[0] for line in server.stderr if (match := re.search(r"http://[\d.]+:\d+", line)))
+            until = time.monotonic() + 60
+            while set(get(found, "images/tags")) != set(SWEEP) and time.monotonic() < until:
+                time.sleep(0.2)
+            yield found
+        finally:
+            server.terminate()
+
+
+def get(address: str, route: str, body: Any = None, **query: Any) -> Any:
+    """What a plugin answers: JSON, or the bytes of an image."""
+    text = f"{address}/data/plugin/{route}" + (f"?{urllib.parse.urlencode(query)}" if query else "")
+    data = None if body is None else json.dumps(body).encode()
+    request = urllib.request.Request(text, data, {"Content-Type": "application/json"})
+    with urllib.request.urlopen(request, timeout=30) as answer:
+        content = answer.read()
+    return json.loads(content) if answer.headers["Content-Type"].startswith("application/json") else content
+
+
+def test_scalars_are_those_of_the_series(runs: Path, address: str) -> None:
+    tags = get(address, "scalars/tags")
+    assert set(tags) == {"a", "b"}
+    series = np.load(runs / "a" / "series.npz")
+    names, groups = series["projections"].tolist(), series["groups"].tolist()
+    weight = series["weight"].mean(1)
+    pair = [names.index(name) for name in ("left_food_to_right_motor", "right_food_to_left_motor")]
+    expected = {
+        "behaviour/collection rate, items per s": series["collection_rate"].mean(1),
+        "behaviour/food, items": np.cumsum(series["collection_rate"].mean(1) * np.diff(series["time"], prepend=0.0)),
+        "dopamine/mean level, uM": series["dopamine"].mean(1),
+        "weight of role, mV/food_attraction": weight[:, pair].mean(1),
+        **{f"weight, mV/{name}": weight[:, k] for k, name in enumerate(names)},
+        **{f"eligibility/{name}": series["eligibility"][:, :, k].mean(1) for k, name in enumerate(names)},
+        **{f"firing rate, Hz/{name}": series["firing_rate"][:, :, k].mean(1) for k, name in enumerate(groups)},
+    }
+    assert set(tags["a"]) >= {*expected, "behaviour/fraction correct"}
+    assert not any(tag.startswith("alarms") for tag in tags["a"])
+    for tag, values in expected.items():
+        points = get(address, "scalars/scalars", run="a", tag=tag)
+        assert [step for _, step, _ in points] == np.round(series["time"]).tolist()
+        np.testing.assert_allclose([value for *_, value in points], values, rtol=1e-4, atol=1e-7, err_msg=tag)
+
+
+def test_a_taxis_has_its_attraction_against_its_avoidance(address: str) -> None:
+    categories = {entry["title"]: entry["chart"] for entry in get(address, "custom_scalars/layout")["category"]}
+    assert list(categories) == ["container taxis", "food taxis"]
+    chart = categories["food taxis"][0]
+    assert chart["title"] == "food: attraction against avoidance, mean weight (mV)"
+    for charts in categories.values():
+        for tag in (tag for chart in charts for tag in chart["multiline"]["tag"]):
+            found = get(address, "custom_scalars/scalars", run="b", tag=tag)
+            assert found["regex_valid"]
+            assert [len(points) for points in found["tag_to_events"].values()] == [15]
+
+
+def test_pictures_and_histograms(runs: Path, address: str) -> None:
+    tags = ["trial 7/last 20 s in the arena", "trial 7/last spikes", "trial 7/weights"]
+    assert sorted(get(address, "images/tags")["a"]) == tags
+    for tag in tags:
+        shown = get(address, "images/images", run="a", tag=tag, sample=0)
+        assert [entry["step"] for entry in shown] == [20, 30]
+        pixels = np.asarray(Image.open(io.BytesIO(get(address, "images/individualImage?" + shown[-1]["query"]))))
+        assert pixels.shape[2] == 3
+        assert pixels.std() > 10.0
+    tag = "weights of all trials, mV/left_food_to_right_motor"
+    assert tag in get(address, "histograms/tags")["a"]
+    histogram = get(address, "histograms/histograms", run="a", tag=tag)
+    assert [step for _, step, _ in histogram] == [10, 20, 30]
+    weights = np.load(runs / "a" / "weights.npz")["left_food_to_right_motor"]
+    assert sum(count for _, _, count in histogram[-1][2]) == np.isfinite(weights).sum()
+
+
+def test_a_sweep_is_one_table(runs: Path, address: str) -> None:
+    columns = get(address, "hparams/experiment", body={})
+    assert {"experiment", "robot", "seed", "network.dopamine.tau"} == {info["name"] for info in columns["hparamInfos"]}
+    metrics = [info["name"]["tag"] for info in columns["metricInfos"]]
+    assert metrics == [
+        "behaviour/food, items",
+        "behaviour/fraction correct",
+    ]
+    wanted = {"allowedStatuses": ["STATUS_SUCCESS"], "colParams": [], "startIndex": 0, "sliceSize": 10}
+    rows = {row["name"]: row for row in get(address, "hparams/session_groups", body=wanted)["sessionGroups"]}
+    assert set(rows) == {"a", "b"}
+    for name, tau in (("a", 25), ("b", 40)):
+        summary = json.loads((runs / name / "summary.json").read_text())
+        chosen = {"experiment": "dual_learning", "robot": "learning", "seed": 3, "network.dopamine.tau": tau}
+        assert rows[name]["hparams"] == chosen
+        values = {entry["name"]["tag"]: entry["value"] for entry in rows[name]["metricValues"]}
+        assert values["behaviour/food, items"] == pytest.approx(summary["food_mean"])
+        assert values["behaviour/fraction correct"] == summary["correct_fraction"]
+
+
+def test_a_run_has_one_writer(runs: Path) -> None:
+    assert len(list(runs.glob("*/events*"))) == len(list(runs.rglob("events*"))) == len(SWEEP)
+
+
+def test_any_network_has_a_board(tmp_path: Path) -> None:
+    """Without roles, plastic synapses, dopamine, correctness or items."""
+    config = compose_config("+experiment=food_attraction", "trials=1", "seconds=3", "threads=1", *RECORD)
+    for projection in config.network.projections.values():
+        projection.role = ""
+    config.robot.learning, config.experiment.correct = False, {}
+    config.network.homeostasis = config.network.dopamine = None
+    config.body()[1].free_items = 0
+    perform(config, tmp_path)
+    events = EventAccumulator(str(tmp_path)).Reload()
+    assert len(events.Tags()["images"]) == 3
+    assert "behaviour/food, items" in events.Tags()["scalars"]
+
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.mark.skipif(BROWSER is None, reason="no chromium is installed")
+def test_the_scalars_page_draws_its_charts(tmp_path: Path, address: str) -> None:
+    """Curves are there: many pixels of each run's colour, right of where the runs are listed."""
+    assert BROWSER is not None
+    picture = tmp_path / "page.png"
+    command = [BROWSER, "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"]
+    command += [f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1500,1400", "--virtual-time-budget=30000"]
+    command += [f"--screenshot={picture}", f"{address}/#scalars"]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    charts = np.asarray(Image.open(picture).convert("RGB")).astype(int)[:, 360:]
+    for colour in ((255, 112, 67), (0, 119, 187)):
+        assert (np.abs(charts - colour).max(2) < 12).sum() > 200
