@@ -79,6 +79,12 @@ def peak() -> int:
     return most if sys.platform == "darwin" else most * 1024
 
 
+@pytest.fixture(scope="module", autouse=True)
+def compiled() -> None:
+    """The fused engine, before any case is timed."""
+    assert outcome(copy.deepcopy(fuzz.VALID), "fused") == "ran"
+
+
 @pytest.mark.parametrize("part", range(PARTS))
 def test_a_spoilt_configuration_runs_or_is_refused_in_one_line(part: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory, "available", lambda: LIMIT)
