@@ -50,6 +50,9 @@ class Alarms:
         self.first = {kind: never.clone() for kind in KINDS}
         self._spikes = self._motor_spikes()
         self._heard = torch.full(self._spikes.shape, self._now(), dtype=torch.float64)  # s, [B, motors]
+        table = simulation.network.synapses
+        plastic = torch.bincount(table.trial[: table.plastic], minlength=simulation.trials)
+        self._most_full = (config.saturated or 0.0) * plastic  # of each trial's synapses, [B]
         self._taxes = {}
         for role in roles:
             taxis, _, kind = role.rpartition("_")
@@ -121,11 +124,11 @@ class Alarms:
     def _saturated(self) -> Tensor:
         network = self.simulation.network
         table = network.synapses
-        trial, weight = table.trial[: table.plastic], table.weight[: table.plastic]
         if self.config.saturated is None:
             return torch.zeros(network.trials, dtype=torch.bool)
-        full = torch.bincount(trial[weight >= network.plasticity.weight_max], minlength=network.trials)
-        return full > self.config.saturated * torch.bincount(trial, minlength=network.trials)
+        full = table.weight[: table.plastic] >= network.plasticity.weight_max
+        count = torch.bincount(table.trial[: table.plastic][full], minlength=network.trials)
+        return count > self._most_full
 
     def _synchronised(self, weight: Tensor) -> Tensor:
         flagged = torch.zeros(self.simulation.trials, dtype=torch.bool)
@@ -147,6 +150,7 @@ class Alarms:
         finite = (neurons.v.isfinite() & neurons.u.isfinite()).all(1)
         if network.dopamine is not None:
             finite &= network.dopamine.level.isfinite()
-        wrong = table.trial[~(table.weight.isfinite() & table.eligibility.isfinite())]
-        finite[wrong] = False
+        if not (table.weight.sum() + table.eligibility.sum()).isfinite():  # else all of them are
+            wrong = table.trial[~(table.weight.isfinite() & table.eligibility.isfinite())]
+            finite[wrong] = False
         return ~finite

@@ -1,6 +1,6 @@
 """Speed of the closed loop, world included, after compilation: one JSON line a case.
 
-    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200] [--recorded 1000]
+    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200] [--recorded 5000]
 
 The unit is trial-milliseconds per second. Every case starts from the same state, that of a robot which
 has learnt for the warm-up, and engines take turns, so that ratios hold when the machine's speed drifts.
@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--warm-up", type=float, default=200.0)
-    parser.add_argument("--recorded", type=float, default=1000.0)
+    parser.add_argument("--recorded", type=float, default=5000.0)
     arguments = parser.parse_args()
     fused, reference = make_engine("fused", "cpu", arguments.threads), make_engine("reference", "cpu")
     if arguments.threads:

@@ -29,7 +29,8 @@ def taxis_learnt(network: Network, taxis: str, rule: str) -> Tensor:
     """
     means: dict[str, dict[str, Tensor]] = defaultdict(dict)
     for projection in network.projections.values():
-        means[projection.role][projection.pre] = projection.mean_weight()
+        if projection.role in (f"{taxis}_attraction", f"{taxis}_avoidance"):
+            means[projection.role][projection.pre] = projection.mean_weight()
     attraction, avoidance = (
         torch.stack([means[f"{taxis}_{kind}"][pre] for pre in sorted(means[f"{taxis}_{kind}"])])
         for kind in ("attraction", "avoidance")
