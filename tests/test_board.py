@@ -134,8 +134,8 @@ def test_a_sweep_is_one_table(runs: Path, address: str) -> None:
         chosen = {"experiment": "dual_learning", "robot": "learning", "seed": 3, "network.dopamine.tau": tau}
         assert rows[name]["hparams"] == chosen
         values = {entry["name"]["tag"]: entry["value"] for entry in rows[name]["metricValues"]}
-        assert values["behaviour/food, items"] == pytest.approx(summary["food_mean"])
-        assert values["behaviour/fraction correct"] == summary["correct_fraction"]
+        assert values["behaviour/food, items"] == pytest.approx(summary["results"]["food_mean"])
+        assert values["behaviour/fraction correct"] == summary["results"]["correct_fraction"]
 
 
 def test_a_run_has_one_writer(runs: Path) -> None:
