@@ -112,11 +112,11 @@ def history(_: Mapping[str, Run]) -> Figure | None:
 
 def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     """How each cell moves when one value is changed, in standard errors of that cell."""
-    record = calibration()
-    if record is None or not record["sensitivity"]:
+    points = (calibration() or {}).get("sensitivity", [])
+    changed = [point for point in points if point["change"][0]]
+    if not changed:
         return None
-    base = next(point for point in record["sensitivity"] if not point["change"][0])
-    changed = [point for point in record["sensitivity"] if point["change"][0]]
+    base = next(point for point in points if not point["change"][0])
     cells = sorted(base["distances"])
     shift = np.array([[p["distances"].get(c, np.nan) - base["distances"][c] for p in changed] for c in cells])
     drawn, axis = figure(width=7.2, height=0.27 * len(cells) + 1.8)
