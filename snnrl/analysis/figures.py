@@ -108,7 +108,7 @@ def taxis_weights(runs: Runs, name: str, sense: str, axis: Axes) -> None:
             band(axis, run.time, values, colour, f"{side} {sense} to {motor} motor", linestyle=line)
     axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(0, run.time[-1]), ylim=(0, 3.6))
     mark(axis, largest_mean(run, "taxis"), "largest possible mean")
-    axis.legend(loc="center right", ncols=2)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=7)
 
 
 def largest_mean(run: Run, synapse: str) -> float:
@@ -133,9 +133,8 @@ def dual_weights(runs: Runs) -> Figure:
     drawn, axes = figure(3, 1, height=7.5, sharex=True)
     for axis, sense in zip(axes, ("food", "container"), strict=False):
         taxis_weights(runs, "dual_learning/learning", sense, axis)
-        axis.set(title=f"{sense} sensors to motors", xlabel="")
+        axis.set(xlabel="")
     touch_weights(axes[2], runs["dual_learning/learning"], ("food_container",))
-    axes[2].set(title="food container's touch to dopaminergic neurons")
     return drawn
 
 
@@ -180,11 +179,14 @@ def orbit_distance(runs: Runs) -> Figure:
     return drawn
 
 
-def left_weights(axis: Axes, run: Run, trial: int = 0, kind: str = "weight", sense: str = "food") -> None:
-    """From the left sensor to both motors in one trial."""
-    for motor, colour, name in (("right", ATTRACTION, "attraction"), ("left", AVOIDANCE, "avoidance")):
-        values = run.of_projection(kind, f"left_{sense}_to_{motor}_motor")[:, trial]
-        axis.plot(run.time, values, color=colour, label=f"left {sense} to {motor} motor ({name})")
+def one_side(
+    axis: Axes, run: Run, trial: int = 0, kind: str = "weight", sense: str = "food", side: str = "left"
+) -> None:
+    """From the sensor of one side to both motors in one trial."""
+    other = {"left": "right", "right": "left"}[side]
+    for motor, colour, name in ((other, ATTRACTION, "attraction"), (side, AVOIDANCE, "avoidance")):
+        values = run.of_projection(kind, f"{side}_{sense}_to_{motor}_motor")[:, trial]
+        axis.plot(run.time, values, color=colour, label=f"{side} {sense} to {motor} motor ({name})")
     axis.set(xlim=(run.time[0], run.time[-1]), xlabel="time (s)", ylabel=WEIGHT if kind == "weight" else ELIGIBILITY)
 
 
@@ -192,7 +194,7 @@ def orbit_weights(runs: Runs) -> Figure:
     drawn, axes = figure(1, 2, sharey=True)
     for axis, robot in zip(axes, ("learning", "positive_baseline"), strict=True):
         run = runs[f"orbit/{robot}"]
-        left_weights(axis, run)
+        one_side(axis, run)
         axis.plot(
             run.time,
             run.of_projection("weight", "right_food_to_left_motor")[:, 0],
@@ -225,7 +227,7 @@ def orbit_firing(runs: Runs) -> Figure:
 def first_eligibility(runs: Runs) -> Figure:
     run = runs["first_30_s"]
     drawn, axis = figure()
-    left_weights(axis, run, kind="eligibility")
+    one_side(axis, run, kind="eligibility")
     for k, time in enumerate(run.time[run.series["collection_rate"][:, 0] > 0]):
         axis.axvline(time, color=FOOD, linewidth=1.0, label="food" if k == 0 else None)
     axis.legend(loc="lower left", ncols=3)
@@ -242,7 +244,7 @@ def single_trial(runs: Runs) -> Figure:
         axes[0].plot(run.time, smooth(values, width), color=colour, label=f"{name}, mean of 5 s")
     axes[0].set(ylabel=ELIGIBILITY)
     axes[0].legend(loc="upper right", ncols=2)
-    left_weights(axes[1], run)
+    one_side(axes[1], run)
     axes[1].legend(loc="center right")
     mark(axes[1], published()["said"]["attraction_settled"], "published: settled", vertical=True)
     return drawn
@@ -252,7 +254,7 @@ def weight_matrix(runs: Runs) -> Figure:
     weights = runs["food_attraction/learning"].weights
     rows = [[weights[f"{side}_food_to_{motor}_motor"][0].T for side in SIDES] for motor in SIDES]
     matrix = np.block(rows)  # motors down, sensors across
-    drawn, axis = figure(width=5.2, height=4.4)
+    drawn, axis = figure(width=5.6, height=5.2)
     axis.grid(False)
     axis.set_facecolor("#f7e6d0")
     edges = np.arange(matrix.shape[0] + 1) + 0.5
@@ -272,7 +274,7 @@ def weight_matrix(runs: Runs) -> Figure:
 def poison_eligibility(runs: Runs) -> Figure:
     run = runs["poison_switch"]
     drawn, axis = figure()
-    left_weights(axis, run, kind="eligibility")
+    one_side(axis, run, kind="eligibility")
     for time in run.time[1:][run.series["collection_rate"][1:, 0] > 0]:
         poison = time > switch(run)
         axis.axvline(time, color=POISON if poison else FOOD, linewidth=0.9, linestyle=":" if poison else "-")
@@ -307,8 +309,11 @@ def failing_trial(runs: Runs) -> Figure | None:
     for name in ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"):
         failed = np.flatnonzero(runs[name].trials["correct"] == 0)
         if len(failed):
+            trial = int(failed[0])
+            final = {side: runs[name].of_projection("weight", f"{side}_container_to_{side}_motor") for side in SIDES}
+            side = max(SIDES, key=lambda side: float(final[side][-1, trial]))  # where avoidance is stronger
             drawn, axis = figure()
-            left_weights(axis, runs[name], int(failed[0]), sense="container")
+            one_side(axis, runs[name], trial, sense="container", side=side)
             axis.set(title=f"{style.robot_name(runs[name].robot)}, trial {failed[0]}", ylim=(0, 3.6))
             axis.legend(loc="upper left")
             return drawn
