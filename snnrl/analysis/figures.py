@@ -13,6 +13,7 @@ from matplotlib.patches import Circle
 
 from snnrl import style
 from snnrl.analysis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, smooth, taxis
+from snnrl.analysis.criteria import LEAD, STRENGTH
 from snnrl.analysis.fit import heat_maps, history, sensitivity
 from snnrl.analysis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.analysis.published import published
@@ -108,7 +109,7 @@ def taxis_weights(runs: Runs, name: str, sense: str, axis: Axes) -> None:
             band(axis, run.time, values, colour, f"{side} {sense} to {motor} motor", linestyle=line)
     axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(0, run.time[-1]), ylim=(0, 3.6))
     mark(axis, largest_mean(run, "taxis"), "largest possible mean")
-    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=4, fontsize=7)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7)
 
 
 def largest_mean(run: Run, synapse: str) -> float:
@@ -304,14 +305,22 @@ def poison_weights(runs: Runs) -> Figure:
     return drawn
 
 
+def lead(run: Run, side: str, trial: int) -> float:
+    """By how much (mV) a side's container attraction exceeds what counts as learnt, at the end of a trial."""
+    other = {"left": "right", "right": "left"}[side]
+    attraction, avoidance = (
+        float(run.of_projection("weight", f"{side}_container_to_{motor}_motor")[-1, trial]) for motor in (other, side)
+    )
+    return min(attraction - STRENGTH, attraction - LEAD * avoidance)
+
+
 def failing_trial(runs: Runs) -> Figure | None:
     """The first trial that did not learn to be attracted, of fixed container dopamine or else of dual learning."""
     for name in ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"):
         failed = np.flatnonzero(runs[name].trials["correct"] == 0)
         if len(failed):
             trial = int(failed[0])
-            final = {side: runs[name].of_projection("weight", f"{side}_container_to_{side}_motor") for side in SIDES}
-            side = max(SIDES, key=lambda side: float(final[side][-1, trial]))  # where avoidance is stronger
+            side = min(SIDES, key=lambda side: lead(runs[name], side, trial))
             drawn, axis = figure()
             one_side(axis, runs[name], trial, sense="container", side=side)
             axis.set(title=f"{style.robot_name(runs[name].robot)}, trial {failed[0]}", ylim=(0, 3.6))
@@ -629,7 +638,7 @@ DRAWINGS = (
     Drawing(
         "failing_trial",
         "4.5",
-        "A trial that fails: attraction and avoidance rise and fall together.",
+        "A trial that fails, on the side that fails.",
         ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"),
         failing_trial,
     ),
