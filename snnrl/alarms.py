@@ -126,8 +126,8 @@ class Alarms:
         table = network.synapses
         if self.config.saturated is None:
             return torch.zeros(network.trials, dtype=torch.bool)
-        full = table.weight[: table.plastic] >= network.plasticity.weight_max
-        count = torch.bincount(table.trial[: table.plastic][full], minlength=network.trials)
+        full = (table.weight[: table.plastic] >= network.plasticity.weight_max).to(table.weight.dtype)
+        count = full.new_zeros(network.trials).index_add_(0, table.trial[: table.plastic], full)
         return count > self._most_full
 
     def _synchronised(self, weight: Tensor) -> Tensor:

@@ -1,6 +1,6 @@
 """Agents without neurons against the spiking robot that learns, in the same worlds: a table and a plot.
 
-    python -m snnrl.baselines [trials=N] [seconds=S] [seed=K] [agents=[...]] [tasks.NAME=[OVERRIDE,...]]
+    python -m snnrl.run +experiment=baselines [trials=N] [seconds=S] [seed=K] [agents=[...]]
 
 `trials` and `seconds` are each task's own unless given: at the published sizes this takes many minutes.
 """
@@ -28,12 +28,12 @@ from torch import Tensor
 
 from snnrl.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
 from snnrl.builder import build, check, torch_device
+from snnrl.cli import Passed, discard
 from snnrl.config import plain
 from snnrl.engines import make_engine
 from snnrl.files import write
 from snnrl.foraging import Foraging
 from snnrl.random import Draws
-from snnrl.run import Passed, discard, hydra_job, launch
 from snnrl.schema import BaselinesConfig, Config, ConfigError, check_bounds
 from snnrl.world import World
 
@@ -267,11 +267,3 @@ def job(composed: DictConfig) -> None:
     save(results, folder)
     print(markdown_of(results), end="")
     print(f"results in {folder}")
-
-
-def main() -> None:
-    launch("snnrl.baselines", lambda: hydra_job(job, "baselines"))
-
-
-if __name__ == "__main__":
-    main()

@@ -59,9 +59,20 @@ class Board:
             weights = projection.weight.double().cpu().numpy()
             weights = weights[np.isfinite(weights)]
             if len(weights):
-                bins = np.linspace(min(0.0, weights.min()), max(weight_max, weights.max()), BINS + 1)
+                bounds = (min(0.0, weights.min()), max(weight_max, weights.max()))
+                counts, edges = np.histogram(weights, BINS, bounds)
                 self._writer.add_summary(
-                    summary.histogram(f"{WEIGHTS}/{projection.name}", weights, bins.tolist()), step
+                    summary.histogram_raw(
+                        f"{WEIGHTS}/{projection.name}",
+                        min=weights.min(),
+                        max=weights.max(),
+                        num=len(weights),
+                        sum=weights.sum(),
+                        sum_squares=weights.dot(weights),
+                        bucket_limits=edges[1:].tolist(),
+                        bucket_counts=counts.tolist(),
+                    ),
+                    step,
                 )
 
     def picture(self, tag: str, pixels: np.ndarray, step: int) -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +32,13 @@ from snnrl.files import write_json
 from snnrl.loop import Simulation
 
 FIRST_SEED = 1_000_000
+TELLING = (  # runs that tell a good point from a bad one in little time
+    ("food_attraction", "learning"),
+    ("secondary_behaviour", "benchmark"),
+    ("secondary_behaviour", "fixed_container_dopamine"),
+    ("secondary_behaviour", "container_dopamine_learning"),
+    ("secondary_behaviour", "no_container_dopamine"),
+)
 
 
 @dataclass(frozen=True)
@@ -151,38 +158,41 @@ def contrast(simulation: Simulation, factor: float) -> Tensor:
     return food > factor * empty
 
 
-def distances(values: Mapping[str, Any], trials: int, seed: int) -> dict[str, float]:
-    """Signed distance of every published cell, in its units of uncertainty."""
+def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
+    """Name and signed distance of every published cell, in its units of uncertainty, the most telling ones first."""
     published = published_cells()
     count = published["trials"]
-    pairs = {
+    for experiment, robot in runs_of(published):
+        simulation, config = simulate(experiment, robot, values, trials, seed)
+        name = f"{experiment}/{robot}"
+        if cell := published["food"].get(experiment, {}).get(robot):
+            yield f"{name}/food", mean_distance(simulation.world.touches[:, 0].double(), cell, count)
+        if (cell := published["correct"].get(experiment, {}).get(robot)) is not None:
+            learnt = correct(simulation.network, config.experiment.correct)
+            yield f"{name}/correct", fraction_distance(learnt, cell, count)
+        if cell := published["contrast"].get(experiment, {}).get(robot):
+            clear = contrast(simulation, cell["factor"])
+            yield f"{name}/contrast", fraction_distance(clear, cell["fraction"], count)
+    rate = background_rate(values, trials, seed)
+    said = published["said"]["background_rate"]
+    yield "background rate", float(rate.mean() - said["mean"]) / said["rounding"]
+    escaped = published["escaped"]
+    times = escape_times(values, escaped["trials"], seed)
+    there = ~times.isnan()
+    yield "orbit/learning/escaped", fraction_distance(there, 1.0, escaped["trials"])
+    if there.sum() > 1:
+        yield "orbit/learning/time", mean_distance(times[there], escaped["orbit"]["learning"], escaped["trials"])
+
+
+def runs_of(published: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Experiment and robot of every run with a published cell, those of TELLING first."""
+    runs = {
         (experiment, robot)
         for kind in ("food", "correct", "contrast")
         for experiment, robots in published[kind].items()
         for robot in robots
     }
-    result = {}
-    for experiment, robot in sorted(pairs):
-        simulation, config = simulate(experiment, robot, values, trials, seed)
-        name = f"{experiment}/{robot}"
-        if cell := published["food"].get(experiment, {}).get(robot):
-            result[f"{name}/food"] = mean_distance(simulation.world.touches[:, 0].double(), cell, count)
-        if (cell := published["correct"].get(experiment, {}).get(robot)) is not None:
-            learnt = correct(simulation.network, config.experiment.correct)
-            result[f"{name}/correct"] = fraction_distance(learnt, cell, count)
-        if cell := published["contrast"].get(experiment, {}).get(robot):
-            clear = contrast(simulation, cell["factor"])
-            result[f"{name}/contrast"] = fraction_distance(clear, cell["fraction"], count)
-    rate = background_rate(values, trials, seed)
-    said = published["said"]["background_rate"]
-    result["background rate"] = float(rate.mean() - said["mean"]) / said["rounding"]
-    escaped = published["escaped"]
-    times = escape_times(values, escaped["trials"], seed)
-    there = ~times.isnan()
-    result["orbit/learning/escaped"] = fraction_distance(there, 1.0, escaped["trials"])
-    if there.sum() > 1:
-        result["orbit/learning/time"] = mean_distance(times[there], escaped["orbit"]["learning"], escaped["trials"])
-    return result
+    return [*TELLING, *sorted(runs.difference(TELLING))]
 
 
 def loss(found: Mapping[str, float]) -> float:
@@ -191,14 +201,20 @@ def loss(found: Mapping[str, float]) -> float:
 
 
 def search(study: optuna.Study, points: int, trials: int) -> None:
-    """Add points to the study; the first are the values in conf/."""
+    """Add points to the study, the values in conf/ first; one that is worse than most so far is given up early."""
     study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True)
+    study.pruner = optuna.pruners.MedianPruner(n_startup_trials=5)
     if not study.trials:
         study.enqueue_trial(present())
 
     def objective(trial: optuna.Trial) -> float:
         values = {name: free.suggest(trial, name) for name, free in FREE.items()}
-        found = distances(values, trials, FIRST_SEED + trial.number)
+        found: dict[str, float] = {}
+        for name, distance in measured(values, trials, FIRST_SEED + trial.number):
+            found[name] = distance
+            trial.report(loss(found), len(found))
+            if trial.should_prune():
+                raise optuna.TrialPruned
         trial.set_user_attr("distances", found)
         trial.set_user_attr("trials", trials)
         return loss(found)
@@ -226,7 +242,7 @@ def vary(study: optuna.Study, trials: int) -> None:
         if change in done:
             continue
         name, value = change
-        found = distances({**values, **({name: value} if name else {})}, trials, FIRST_SEED - 1)
+        found = dict(measured({**values, **({name: value} if name else {})}, trials, FIRST_SEED - 1))
         attributes = {"change": list(change), "distances": found, "trials": trials}
         study.add_trial(optuna.trial.create_trial(value=loss(found), user_attrs=attributes))
         print(f"{loss(found):.2f}  {name or 'conf/'} {'' if value is None else value}")
@@ -234,7 +250,7 @@ def vary(study: optuna.Study, trials: int) -> None:
 
 def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str, Any]:
     """What the report shows of both studies, and what there is to say of them."""
-    finished = [trial for trial in fit.get_trials() if trial.value is not None]
+    finished = fit.get_trials(states=[optuna.trial.TrialState.COMPLETE])
     return {
         "values": present(),
         "note": note,

@@ -28,11 +28,11 @@ from snnrl.analysis.credit import Credit, Ledger, cause_of
 from snnrl.analysis.runs import Run
 from snnrl.analysis.scenes import animate, draw_credit, draw_raster
 from snnrl.builder import build
+from snnrl.cli import FORESEEN, explain, status
 from snnrl.config import load
 from snnrl.engines import Engine, make_engine
 from snnrl.files import FolderError, write
 from snnrl.loop import Simulation
-from snnrl.run import FORESEEN, explain, status
 from snnrl.schema import Config, ConfigError
 
 LENGTH = 30.0  # s that are recorded unless told otherwise

@@ -216,7 +216,7 @@ def test_a_row_of_the_table_by_hand() -> None:
 
 def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "snnrl.baselines", *arguments],
+        [sys.executable, "-m", "snnrl.run", "+experiment=baselines", *arguments],
         cwd=folder,
         env=dict(os.environ),
         capture_output=True,

@@ -21,6 +21,7 @@ from helpers import compose_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from snnrl import checkpoint, files, job, run
+from snnrl.cli import status
 from snnrl.engines.fused import FusedEngine
 from snnrl.files import FolderError, owned, write
 from snnrl.job import Interrupted, perform
@@ -179,7 +180,7 @@ def test_a_signal_saves_the_state_and_says_so(
         patch.setattr(job, "make_engine", lambda *_: Signalled(1))
         with pytest.raises(Interrupted) as caught:
             perform(config, folder)
-    assert run.status(caught.value) == 128 + number
+    assert status(caught.value) == 128 + number
     assert signal.getsignal(number) is usual
     said = summary(folder)
     assert not said["complete"]

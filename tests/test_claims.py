@@ -15,6 +15,7 @@ from snnrl.analysis.compare import compare, contrast
 from snnrl.analysis.fit import best_region, describe, grid_points, point_name, point_of
 from snnrl.analysis.methods import coincidence, pair_eligibility, sensor_encoding
 from snnrl.analysis.runs import Run
+from snnrl.analysis.statistics import Share
 from snnrl.engines import make_engine
 
 
@@ -94,6 +95,10 @@ def test_published_cells_are_compared_with_the_run_of_that_name() -> None:
     assert cells["food"].difference.value == pytest.approx(0.0)
     shifted = {"food_attraction/random_walk": hand_made(trials={"food": food + 30, "correct": np.ones(50)})}
     assert [cell.verdict for cell in compare(shifted)] == ["differs", "differs"]
+    (_, few) = compare(
+        {"secondary_behaviour/no_container_dopamine": hand_made(trials={"food": food[:4], "correct": np.ones(4)})}
+    )
+    assert (few.published, few.ours) == (Share(25, 50), Share(4, 4))  # half of the published trials, all of ours
 
 
 def test_contrast_is_a_ratio_by_trial() -> None:
@@ -141,3 +146,160 @@ def test_a_coincidence_is_a_pair_of_spikes_of_joined_neurons() -> None:
     assert len(later)
     after = found.at + 1 + later[0]
     assert found.eligibility[after] > found.eligibility[after - 1]
+
+
+def around(mean: float, trials: int = 10, by: float = 0.01) -> np.ndarray:
+    """So many values of that mean, alternately a little below and above."""
+    return mean + by * np.tile([-1.0, 1.0], trials // 2)
+
+
+def with_weights(time: np.ndarray, **of_projections: np.ndarray) -> Run:
+    """A run of which the mean weights [T, B] of some projections are known."""
+    weight = np.stack(list(of_projections.values()), 2)
+    return hand_made(series={"time": time, "weight": weight, "projections": np.array(list(of_projections))})
+
+
+def escaping(trials: int) -> Run:
+    """Of ten robots so many leave their orbit."""
+    return orbiting([[4.6, 20.0 if k < trials else 4.6] for k in range(10)], [[0.0, 0.0]] * 10)
+
+
+def steps(at: float, trials: int = 10) -> tuple[np.ndarray, np.ndarray]:
+    """Time to 1000 s and values [T, B] that are 0 before `at` and 1 from then on."""
+    time = np.arange(10.0, 1001.0, 10.0)
+    return time, np.repeat((time >= at).astype(float)[:, None], trials, 1)
+
+
+def collecting(at: float) -> Run:
+    time, rate = steps(at)
+    return hand_made(series={"time": time, "collection_rate": rate})
+
+
+def attracted(at: float) -> Run:
+    time, weight = steps(at)
+    return with_weights(time, left_food_to_right_motor=weight, right_food_to_left_motor=weight)
+
+
+def avoiding(weight: float) -> Run:
+    values = np.repeat(around(weight)[None], 30, 0)
+    names = ("left_food_to_left_motor", "right_food_to_right_motor")
+    return with_weights(np.arange(1.0, 31.0), **dict.fromkeys(names, values))
+
+
+def poisoned(rate: float) -> Run:
+    """Switched after 100 of 200 s; only what is taken in the next ten counts."""
+    rates = np.concatenate([np.full((10, 10), 1.4), around(rate)[None], np.full((9, 10), 0.1)])
+    series = {"time": np.arange(10.0, 201.0, 10.0), "collection_rate": rates}
+    return hand_made(series=series, config={"world": {"poison_from": 100.0}})
+
+
+def touched(weight: float) -> Run:
+    values = np.stack([np.full(10, 9.0), around(weight)])  # the last sample counts
+    return with_weights(np.array([1.0, 2.0]), empty_container_touch_to_dopaminergic=values)
+
+
+def fed(*food: float) -> dict[str, Run]:
+    found = zip(claims.FIVE_ROBOTS, food, strict=True)
+    return {f"secondary_behaviour/{robot}": hand_made(trials={"food": around(mean)}) for robot, mean in found}
+
+
+def dual(sign: int) -> Run:
+    """Late in five failed trials avoidance rises with attraction, or falls with -1; in the others it is the reverse."""
+    time = np.arange(1.0, 41.0)
+    late = np.sin(time)[:, None]
+    wobble = 0.1 * np.cos(np.outer(time, np.arange(1, 11)))
+    failed = np.arange(10) < 5
+    other = np.where(failed, sign, -sign) * late + wobble
+    other[:20] = -other[:20]  # the first half is of no account
+    names = {f"{a}_container_to_{b}_motor": late * np.ones(10) for a, b in (("left", "right"), ("right", "left"))}
+    names |= {f"{side}_container_to_{side}_motor": other for side in ("left", "right")}
+    run = with_weights(time, **names)
+    run.__dict__["trials"] = {"correct": np.where(failed, 0.0, 1.0)}
+    return run
+
+
+def searched(there: float, elsewhere: float) -> dict[str, Run]:
+    """Food at the published point and at another one of the grid."""
+    best = {"potentiation": 0.1, "depression": 0.15}
+    points = {point_name(best): there, point_name({"potentiation": 0.2, "depression": 0.15}): elsewhere}
+    return {name: hand_made(trials={"food": around(food)}) for name, food in points.items()}
+
+
+def differentiated(exclusive: bool) -> Run:
+    """Each of twenty neurons answers to one sensor only, or the weights are on no neuron in particular."""
+    torch.manual_seed(0)
+    shape = (10, 20, 20)
+    random = [4.0 * (torch.rand(shape) < 0.5).double().numpy() for _ in claims.SIDES]
+    mine = np.broadcast_to(4.0 * (np.arange(20) < 10), shape)
+    sides = (mine, 4.0 - mine) if exclusive else random
+    return hand_made(
+        weights={
+            f"{side}_food_to_{m}_motor": w for side, w in zip(claims.SIDES, sides, strict=True) for m in claims.SIDES
+        }
+    )
+
+
+@pytest.mark.parametrize(
+    ("claim", "runs", "value", "holds"),
+    [
+        ("hunger_breaks_orbits", {"orbit/learning": escaping(10), "orbit/positive_baseline": escaping(0)}, 100, True),
+        ("hunger_breaks_orbits", {"orbit/learning": escaping(5), "orbit/positive_baseline": escaping(4)}, 10, False),
+        ("hunger_breaks_orbits", {"orbit/learning": escaping(0), "orbit/positive_baseline": escaping(10)}, -100, False),
+        ("weights_saturate", {"food_attraction/learning": attracted(60)}, 60, True),
+        ("weights_saturate", {"food_attraction/learning": attracted(40)}, 40, False),
+        ("weights_saturate", {"food_attraction/learning": attracted(210)}, 210, False),
+        ("attraction_settles", {"food_attraction/learning": collecting(200)}, 240, True),  # seen over 50 s
+        ("attraction_settles", {"food_attraction/learning": collecting(400)}, 440, False),
+        (
+            "avoidance_levels_off",
+            {"food_attraction/learning": avoiding(0.5), "food_attraction/no_hunger": avoiding(0.2)},
+            0.3,
+            True,
+        ),
+        (
+            "avoidance_levels_off",
+            {"food_attraction/learning": avoiding(0.2), "food_attraction/no_hunger": avoiding(0.5)},
+            -0.3,
+            False,
+        ),
+        (
+            "poison_is_unlearnt",
+            {"food_poison/learning": poisoned(0.2), "food_poison/random_walk": poisoned(0.3)},
+            -0.1,
+            True,
+        ),
+        (
+            "poison_is_unlearnt",
+            {"food_poison/learning": poisoned(0.3), "food_poison/random_walk": poisoned(0.2)},
+            0.1,
+            False,
+        ),
+        (
+            "threshold_protects",
+            {"secondary_stimulus/learning": touched(0.1), "secondary_stimulus/no_burst_threshold": touched(0.5)},
+            0.4,
+            True,
+        ),
+        (
+            "threshold_protects",
+            {"secondary_stimulus/learning": touched(0.5), "secondary_stimulus/no_burst_threshold": touched(0.1)},
+            -0.4,
+            False,
+        ),
+        ("robots_are_in_order", fed(1, 2, 4, 7, 9), 1, True),
+        ("robots_are_in_order", fed(1, 2, 4, 3, 9), -1, False),
+        ("optimum_is_among_the_best", searched(100, 90), 0, True),
+        ("optimum_is_among_the_best", searched(90, 100), 10, False),
+        ("failures_are_synchronised", {"dual_learning/learning": dual(1)}, 2, True),
+        ("failures_are_synchronised", {"dual_learning/learning": dual(-1)}, -2, False),
+        ("motor_neurons_differentiate", {"food_attraction/learning": differentiated(True)}, 0.85, True),
+        ("motor_neurons_differentiate", {"food_attraction/learning": differentiated(False)}, 0, False),
+    ],
+)
+def test_a_claim_holds_where_it_was_made_to_hold_and_nowhere_else(
+    claim: str, runs: dict[str, Run], value: float, holds: bool
+) -> None:
+    found = getattr(claims, claim)(runs)
+    assert found.value == pytest.approx(value, abs=0.05 * max(1, abs(value)))
+    assert found.holds is holds
+    assert found.low <= found.value <= found.high

@@ -26,9 +26,9 @@ from omegaconf.errors import OmegaConfBaseException
 import snnrl
 from snnrl import memory
 from snnrl.builder import build
+from snnrl.cli import LONGEST, explain
 from snnrl.config import conf_dir, plain
 from snnrl.engines import make_engine
-from snnrl.run import LONGEST, explain
 from snnrl.schema import Config, ConfigError
 
 REFUSALS = (ConfigError, HydraException, OmegaConfBaseException)

@@ -29,9 +29,9 @@ def importers(module: str) -> set[str]:
 
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
-    assert importers("hydra") == {"run.py", "baselines.py", "config.py"}
+    assert importers("hydra") == {"cli.py", "run.py", "baselines.py", "config.py"}
     assert importers("optuna") == {"calibrate.py", "search.py"}
-    assert importers("omegaconf") == {"run.py", "baselines.py", "config.py", "schema.py"}
+    assert importers("omegaconf") == {"cli.py", "run.py", "baselines.py", "config.py", "schema.py"}
 
 
 def test_only_the_board_and_the_task_recorder_know_tensorboard() -> None:

@@ -96,7 +96,7 @@ def test_multirun_makes_a_folder_a_job(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "experiment: must be given as +experiment=NAME, NAME one of classical_conditioning, distal_reward"),
+        ([], "experiment: must be given as +experiment=NAME, NAME one of baselines, classical_conditioning"),
         (["+experiment=odd"], "Available options in 'experiment': classical_conditioning"),
         (["+experiment=food_attraction", "robot=odd"], "Available options in 'robot': benchmark"),
         (["+experiment=food_attraction", "robot=benchmark"], "robot=benchmark: must be one of learning, random_walk"),

@@ -138,41 +138,31 @@ def hunger_breaks_orbits(runs: Runs) -> Claim:
     )
 
 
-def attraction_settles(runs: Runs) -> Claim:
-    said = published()["said"]["attraction_settled"]
-    run = runs["food_attraction/learning"]
-    times = settled(run.time, smooth(run.series["collection_rate"], max(1, len(run.time) // 20)))
+def _arrives(statement: str, measured: str, times: np.ndarray, said: float) -> Claim:
+    """A claim of section 4.2 about when something has happened (s)."""
     low, high = interval(times)
     mean = float(times.mean())
-    return Claim(
-        "4.2",
+    criterion = f"mean between half and twice the published {said:g} s"
+    return Claim("4.2", statement, measured, mean, low, high, "s", criterion, said / 2 <= mean <= 2 * said)
+
+
+def attraction_settles(runs: Runs) -> Claim:
+    run = runs["food_attraction/learning"]
+    return _arrives(
         "Food attraction has settled after about 200 s.",
         "time until the rate over the last 50 s reaches 90 % of the final rate",
-        mean,
-        low,
-        high,
-        "s",
-        f"mean between half and twice the published {said:g} s",
-        said / 2 <= mean <= 2 * said,
+        settled(run.time, smooth(run.series["collection_rate"], max(1, len(run.time) // 20))),
+        published()["said"]["attraction_settled"],
     )
 
 
 def weights_saturate(runs: Runs) -> Claim:
-    said = published()["said"]["weights_saturated"]
     run = runs["food_attraction/learning"]
-    times = settled(run.time, taxis(run, "weight", "food", "attraction"))
-    low, high = interval(times)
-    mean = float(times.mean())
-    return Claim(
-        "4.2",
+    return _arrives(
         "Attraction weights have risen to their maximum after about 100 s.",
         "time until the mean attraction weight reaches 90 % of its final value",
-        mean,
-        low,
-        high,
-        "s",
-        f"mean between half and twice the published {said:g} s",
-        said / 2 <= mean <= 2 * said,
+        settled(run.time, taxis(run, "weight", "food", "attraction")),
+        published()["said"]["weights_saturated"],
     )
 
 
