@@ -65,11 +65,11 @@ class Choice:
 
 CONTAINERS = "world.ranges.container.measured_to"  # exists only in worlds with containers
 FREE: Mapping[str, Free | Choice] = {
-    "coding.range_gain": Free(1.2, 2.2, 0.15),
+    "coding.range_gain": Free(1.2, 2.4, 0.2),
     "coding.touch_gain": Free(2.0, 4.5, 0.5),
     "network.synaptic_gain": Free(2.5, 5.5, 0.4),
     "network.dopamine.tau": Free(12.0, 40.0, 3.0),
-    "network.groups.inhibitory.current": Free(3.5, 8.0, 0.3),  # silent below 3.85
+    "network.groups.inhibitory.current": Choice((0.0, 4.5, 6.0)),  # silent below 3.85
     "network.groups.dopaminergic.noise": Free(0.0, 0.29, 0.1),
     "world.ranges.food.measured_to": Choice(("border", "centre")),
     CONTAINERS: Choice(("border", "centre")),
@@ -255,6 +255,7 @@ def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str,
         "values": present(),
         "note": note,
         "first_seed": FIRST_SEED,
+        "given_up": len(fit.get_trials(states=[optuna.trial.TrialState.PRUNED])),
         "trials": sorted({trial.user_attrs["trials"] for trial in finished}),
         "history": [{"number": trial.number, "loss": trial.value, "values": trial.params} for trial in finished],
         "sensitivity": [

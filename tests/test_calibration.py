@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import optuna
 import pytest
@@ -11,6 +13,7 @@ import torch
 import yaml
 from helpers import compose_config
 
+from snnrl import calibrate
 from snnrl.analysis.published import PUBLISHED
 from snnrl.builder import build
 from snnrl.calibrate import FREE, contrast, fraction_distance, loss, mean_distance, neighbours, present
@@ -69,8 +72,28 @@ def test_contrast_of_the_two_container_touches() -> None:
 def test_neighbours_change_one_value_each() -> None:
     values = present()
     changes = neighbours(values)
-    assert len(changes) == len(set(changes)) == 2 * 6 + 3
+    assert len(changes) == len(set(changes)) == 2 * 5 + 2 + 3
     assert all(value != values[name] for name, value in changes)
+
+
+def test_a_bad_point_is_given_up_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[int, str]] = []
+
+    def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
+        number = seed - calibrate.FIRST_SEED
+        for cell in ("a", "b", "c"):
+            seen.append((number, cell))
+            yield cell, 1.0 if number < 6 else 9.0
+
+    monkeypatch.setattr(calibrate, "measured", measured)
+    study = optuna.create_study()
+    calibrate.search(study, 7, trials=5)
+    assert [cell for number, cell in seen if number == 5] == ["a", "b", "c"]
+    assert [cell for number, cell in seen if number == 6] == ["a"]
+    assert study.trials[0].params == present()
+    made = calibrate.record(study, optuna.create_study(), "a note")
+    assert (len(made["history"]), made["given_up"], made["trials"]) == (6, 1, [5])
+    assert study.best_trial.user_attrs["distances"] == {"a": 1.0, "b": 1.0, "c": 1.0}
 
 
 def test_an_interrupted_search_continues(tmp_path: Path) -> None:

@@ -260,7 +260,7 @@ def test_a_replay_that_is_not_the_run_is_refused(run: Run, tmp_path: Path, capsy
     for name in ("config.yaml", "series.npz"):
         shutil.copy(run.folder / name, tmp_path)
     text = (tmp_path / "config.yaml").read_text()
-    (tmp_path / "config.yaml").write_text(text.replace("exploration: 2.35", "exploration: 2.36"))
+    (tmp_path / "config.yaml").write_text(text.replace("exploration: 2.35", "exploration: 3.5"))
     with pytest.raises(SystemExit) as ended:
         replay.main([str(tmp_path), "--trial", str(TRIAL), "--from", "5"])
     assert ended.value.code == 2
