@@ -128,7 +128,7 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
     simulation = build(config) if config.task is None else build_task(config)
     threads = config.threads or threads
     engine = make_engine(config.engine, config.device, threads)
-    if config.task is not None and engine.name == "fused":
+    if engine.name == "fused":
         torch.set_num_threads(1)  # what is left to torch is small; more threads only wait for each other
     elif threads:
         torch.set_num_threads(threads)

@@ -96,6 +96,7 @@ def test_a_spoilt_configuration_runs_or_is_refused_in_one_line(part: int, monkey
                 outcomes[outcome(tree, "fused" if seed % 10 == 0 else "reference")] += 1
         except Exception as error:
             raise AssertionError(f"case {seed}: {how!a}") from error
+    print(f"part {part}: {outcomes['ran']} ran, {outcomes['refused']} were refused in one line")
     assert outcomes["ran"] > CASES / PARTS / 10
     assert outcomes["refused"] > CASES / PARTS / 3
     assert peak() - before < 2 * LIMIT
