@@ -93,7 +93,9 @@ def _starts(network: Network, names: Sequence[str]) -> list[int]:
 
 
 def pixels(drawn: Figure) -> np.ndarray:
-    """A figure as it looks: uint8 [height, width, 3]."""
+    """A figure as it looks: uint8 [height, width, 3]; the figure is cleared, which frees its memory at once."""
     canvas = FigureCanvasAgg(drawn)
     canvas.draw()
-    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+    shown = np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+    drawn.clear()
+    return shown

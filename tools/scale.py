@@ -38,6 +38,7 @@ from snnrl.style import ATTRACTION, PUBLISHED, figure
 TIME = 1.5  # time may grow by so much more than the size
 MEMORY = 1.5  # and so may memory beyond that of the start
 SLACK = 0.5, 16.0  # s and MB by which a small size may be off
+PICTURES = 15  # of a run of hours, whatever its length: matplotlib's caches grow with the first dozen, and then stay
 LEAK = 16.0  # MB; ten hours of samples and of the allocator's habits
 EVENTS = 4.0  # MB of TensorBoard events a simulated hour
 PLASTIC = 4 * 0.85  # synapses between the sensors and the motors, for each pair of places in their groups
@@ -65,15 +66,17 @@ class Size:
         """The run as its command line; a larger brain's neurons get the same current as a small one's."""
         groups = [f"{side}_{kind}" for side in ("left", "right") for kind in ("food", "motor")]
         share = 20.0 / self.group
+        gain = compose("+experiment=food_attraction").network.synaptic_gain
         larger = [
             *(f"network.groups.{name}.size={self.group}" for name in groups),
-            f"network.synaptic_gain={4.0 * share}",
+            f"network.synaptic_gain={gain * share}",
             f"network.synapses.reward.weight={3.0 / share}",
             f"network.synapses.inhibition.weight={-3.0 / share}",
             f"network.synapses.inhibition.spread={3.0 / share}",
         ]
         run = ["+experiment=food_attraction", f"trials={self.trials}", f"seconds={self.seconds}"]
-        return run + (larger if self.group != 20 else [])
+        pictures = [f"record.pictures={self.seconds / PICTURES}"] if self.axis == "hours" else []
+        return run + pictures + (larger if self.group != 20 else [])
 
 
 @dataclass(frozen=True)
@@ -228,7 +231,8 @@ def document(costs: Sequence[Cost], found: Sequence[tuple[bool, str]], command: 
             "Each line is a whole run of the food-attraction experiment (`python -m snnrl.run`) with its default "
             "recording, in a fresh process. *Build* makes the network and the world, *run* simulates, records and "
             "writes; *at the start* is the resident memory once the kernels are loaded. For more synapses the sensor "
-            "and motor groups are larger.",
+            f"and motor groups are larger. Runs of hours draw {PICTURES} pictures each, the longest as often as by "
+            "default: matplotlib's caches fill with the first dozen, and would look like a leak.",
             "",
             HEAD,
             *map(line, costs),

@@ -120,11 +120,12 @@ def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     cells = sorted(base["distances"])
     shift = np.array([[p["distances"].get(c, np.nan) - base["distances"][c] for p in changed] for c in cells])
     drawn, axis = figure(width=7.2, height=0.27 * len(cells) + 1.8)
-    limit = float(np.nanmax(np.abs(shift)))
+    limit = 10.0  # as far as a distance counts in the loss
     image = axis.imshow(shift, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
     for (row, column), value in np.ndenumerate(shift):
-        colour = "white" if abs(value) > 0.6 * limit else "black"
-        axis.text(column, row, f"{value:+.1f}", ha="center", va="center", fontsize=6, color=colour)
+        if abs(value) >= 0.05:
+            colour = "white" if abs(value) > 0.6 * limit else "black"
+            axis.text(column, row, f"{value:+.1f}", ha="center", va="center", fontsize=6, color=colour)
     names = [f"{'.'.join(point['change'][0].split('.')[-2:])}={point['change'][1]}" for point in changed]
     axis.grid(False)
     axis.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
