@@ -21,6 +21,8 @@ from snnrl.schema import RecordConfig
 from snnrl.synapses import Projection
 from snnrl.world import TOUCHES
 
+SHOWN = ("collection_rate", "firing_rate", "weight", "eligibility", "dopamine")  # of the samples, as scalars
+
 
 def keep_events(folder: Path, size: int) -> None:
     """Keep the first `size` bytes of a folder's TensorBoard events, in one file that sorts before any later one.
@@ -152,20 +154,19 @@ class Recorder:
 
     def _scalars(self) -> dict[str, float]:
         """Means over trials of the latest sample, by their tags."""
-        latest = {key: values[-1] for key, values in self._samples.items()}
-        values = {FOOD: float(self.simulation.world.touches[:, 0].double().mean())}
-        values[RATE] = latest["collection_rate"].mean()
+        latest = {key: values[-1].mean(0).tolist() for key, values in self._samples.items() if key in SHOWN}
+        values = {FOOD: float(self.simulation.world.touches[:, 0].double().mean()), RATE: latest["collection_rate"]}
         if self.learnt is not None:
             values[CORRECT] = float(self.learnt().double().mean())
         if "dopamine" in latest:
-            values[DOPAMINE] = latest["dopamine"].mean()
+            values[DOPAMINE] = latest["dopamine"]
         roles: dict[str, list[float]] = {}
-        for k, projection in enumerate(self.followed):
-            weight = values[f"{WEIGHT}/{projection.name}"] = latest["weight"][:, k].mean()
-            values[f"{ELIGIBILITY}/{projection.name}"] = latest["eligibility"][:, k].mean()
+        for projection, weight, eligibility in zip(self.followed, latest["weight"], latest["eligibility"], strict=True):
+            values[f"{WEIGHT}/{projection.name}"] = weight
+            values[f"{ELIGIBILITY}/{projection.name}"] = eligibility
             roles.setdefault(projection.role, []).append(weight)
         values |= {f"{OF_ROLE}/{role}": sum(means) / len(means) for role, means in roles.items()}
-        values |= {f"{FIRING}/{group}": latest["firing_rate"][:, k].mean() for k, group in enumerate(self.groups)}
+        values |= {f"{FIRING}/{name}": rate for name, rate in zip(self.groups, latest["firing_rate"], strict=True)}
         return values | {f"{ALARMS}/{kind}": count for kind, count in self.alarms.counts().items()}
 
     def show(self, done: int) -> None:
