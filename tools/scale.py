@@ -203,7 +203,7 @@ def draw(costs: Sequence[Cost], path: Path) -> None:
     """Time and memory against size; the dashed line is proportional and ends in the last point."""
     axes = list(dict.fromkeys(cost.size.axis for cost in costs))
     names = {"trials": "trials", "hours": "simulated hours", "synapses": "plastic synapses a trial"}
-    drawn, panels = figure(2, len(axes), width=2.6 * len(axes), height=4.2, squeeze=False)
+    drawn, panels = figure(2, len(axes), width=2.6 * len(axes), height=4.2, squeeze=False, sharey="row")
     for column, axis in enumerate(axes):
         chosen = [cost for cost in costs if cost.size.axis == axis]
         size = np.array([cost.size.value for cost in chosen])
