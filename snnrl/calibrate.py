@@ -23,7 +23,7 @@ from torch import Tensor
 
 from snnrl.analysis.claims import escape_rule
 from snnrl.analysis.criteria import correct
-from snnrl.analysis.fit import CALIBRATION
+from snnrl.analysis.fit import CALIBRATION, FARTHEST
 from snnrl.analysis.published import published as published_cells
 from snnrl.builder import build
 from snnrl.config import compose
@@ -196,8 +196,8 @@ def runs_of(published: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def loss(found: Mapping[str, float]) -> float:
-    """Root mean square distance, each limited to 10 so that no single cell decides alone."""
-    return math.sqrt(sum(min(abs(value), 10.0) ** 2 for value in found.values()) / len(found))
+    """Root mean square distance, each limited to FARTHEST."""
+    return math.sqrt(sum(min(abs(value), FARTHEST) ** 2 for value in found.values()) / len(found))
 
 
 def search(study: optuna.Study, points: int, trials: int) -> None:

@@ -16,6 +16,7 @@ from snnrl.schema import PlasticityConfig
 from snnrl.style import OTHER, figure
 
 CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record
+FARTHEST = 10.0  # standard errors that a cell counts in the calibration's loss, so that no single one decides alone
 PLANES = (("potentiation", "depression"), ("tau_plus", "tau_minus"))
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # on the values in conf/
 
@@ -120,11 +121,10 @@ def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     cells = sorted(base["distances"])
     shift = np.array([[p["distances"].get(c, np.nan) - base["distances"][c] for p in changed] for c in cells])
     drawn, axis = figure(width=7.2, height=0.27 * len(cells) + 1.8)
-    limit = 10.0  # as far as a distance counts in the loss
-    image = axis.imshow(shift, cmap="PuOr", vmin=-limit, vmax=limit, aspect="auto")
+    image = axis.imshow(shift, cmap="PuOr", vmin=-FARTHEST, vmax=FARTHEST, aspect="auto")
     for (row, column), value in np.ndenumerate(shift):
         if abs(value) >= 0.05:
-            colour = "white" if abs(value) > 0.6 * limit else "black"
+            colour = "white" if abs(value) > 0.6 * FARTHEST else "black"
             axis.text(column, row, f"{value:+.1f}", ha="center", va="center", fontsize=6, color=colour)
     names = [f"{'.'.join(point['change'][0].split('.')[-2:])}={point['change'][1]}" for point in changed]
     axis.grid(False)
