@@ -50,9 +50,7 @@ class Alarms:
         self.first = {kind: never.clone() for kind in KINDS}
         self._spikes = self._motor_spikes()
         self._heard = torch.full(self._spikes.shape, self._now(), dtype=torch.float64)  # s, [B, motors]
-        table = simulation.network.synapses
-        plastic = torch.bincount(table.trial[: table.plastic], minlength=simulation.trials)
-        self._most_full = (config.saturated or 0.0) * plastic  # of each trial's synapses, [B]
+        self._plastic = [p for p in simulation.network.projections.values() if p.plastic]
         self._taxes = {}
         for role in roles:
             taxis, _, kind = role.rpartition("_")
@@ -123,12 +121,10 @@ class Alarms:
 
     def _saturated(self) -> Tensor:
         network = self.simulation.network
-        table = network.synapses
-        if self.config.saturated is None:
+        if self.config.saturated is None or not self._plastic:
             return torch.zeros(network.trials, dtype=torch.bool)
-        full = (table.weight[: table.plastic] >= network.plasticity.weight_max).to(table.weight.dtype)
-        count = full.new_zeros(network.trials).index_add_(0, table.trial[: table.plastic], full)
-        return count > self._most_full
+        full = torch.stack([p.total(p.weight >= network.plasticity.weight_max) for p in self._plastic]).sum(0)
+        return full > self.config.saturated * torch.stack([p.count for p in self._plastic]).sum(0)
 
     def _synchronised(self, weight: Tensor) -> Tensor:
         flagged = torch.zeros(self.simulation.trials, dtype=torch.bool)

@@ -182,7 +182,7 @@ class Network(nn.Module):
                 if homeostasis.count_absent:
                     sizes[:, k] += projection.shape[1] * projection.shape[2]
                 else:
-                    sizes[:, k] += torch.bincount(projection.trial, minlength=self.trials)
+                    sizes[:, k] += projection.count
         return sizes
 
     def background(self, times: Tensor) -> Tensor:

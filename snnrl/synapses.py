@@ -57,6 +57,7 @@ class Projection(nn.Module):
     Buffers:
         weight: [S], mV. eligibility: [S].
         trial, pre_index, post_index: int64 [S], the ends of each synapse, counted within trial and group.
+        count: int64 [B], synapses of each trial.
     """
 
     weight: Tensor
@@ -64,6 +65,7 @@ class Projection(nn.Module):
     trial: Tensor
     pre_index: Tensor
     post_index: Tensor
+    count: Tensor
 
     def __init__(
         self,
@@ -86,6 +88,7 @@ class Projection(nn.Module):
         self.register_buffer("trial", trial)
         self.register_buffer("pre_index", pre_index)
         self.register_buffer("post_index", post_index)
+        self.register_buffer("count", connected.sum((1, 2)), persistent=False)
 
     def matrix(self, values: Tensor | None = None) -> Tensor:
         """Weights (or other values [S]) as a sparse COO tensor [B, n_pre, n_post]; a copy, not a view."""
@@ -102,8 +105,11 @@ class Projection(nn.Module):
         return self._mean(self.eligibility)
 
     def _mean(self, values: Tensor) -> Tensor:
-        total = torch.zeros(self.shape[0], dtype=torch.float64, device=values.device)
-        return total.index_add_(0, self.trial, values.double()) / (self.shape[1] * self.shape[2])
+        return self.total(values) / (self.shape[1] * self.shape[2])
+
+    def total(self, values: Tensor) -> Tensor:
+        """Sum of values [S] over the synapses of each trial, [B] float64."""
+        return torch.segment_reduce(values.double(), "sum", lengths=self.count, unsafe=True)
 
     def extra_repr(self) -> str:
         kind = "plastic" if self.plastic else "fixed"

@@ -64,15 +64,14 @@ def duration(robot: str, trials: int, seconds: float, threads: int, *overrides: 
 
 
 def recording(robot: str, trials: int, seconds: float, threads: int, repeats: int) -> float:
-    """Share of a run (%) that its recording takes: medians of runs with it and without, which take turns."""
+    """Share of a run (%) that its recording takes: the median over pairs of runs, with it and without."""
     without = ("record.tensorboard=false", f"record.every={seconds}", f"record.start={seconds}")
     duration(robot, trials, 2.0, threads)  # imports
     pairs = [
         (duration(robot, trials, seconds, threads), duration(robot, trials, seconds, threads, *without))
         for _ in range(repeats)
     ]
-    recorded, bare = (statistics.median(times) for times in zip(*pairs, strict=True))
-    return 100.0 * (recorded - bare) / recorded
+    return statistics.median(100.0 * (recorded - bare) / recorded for recorded, bare in pairs)
 
 
 def main() -> None:

@@ -87,13 +87,17 @@ class FusedEngine:
         network.time += len(injected)
 
     def _spread(self, part: Callable[[int, int], None], trials: int) -> None:
-        """Call `part` for consecutive ranges of trials, on all threads."""
+        """Call `part` for ranges of trials, on all threads.
+
+        Those that run at the same time lie far apart: small tensors hold several trials in one cache line.
+        """
         if self._pool is None or trials == 1:
             part(0, trials)
             return
         parts = min(trials, self.threads * PARTS)
-        edges = [trials * k // parts for k in range(parts + 1)]
-        for done in [self._pool.submit(part, *edge) for edge in pairwise(edges)]:
+        ranges = list(pairwise(trials * k // parts for k in range(parts + 1)))
+        ordered = [ranges[k] for first in range(PARTS) for k in range(first, parts, PARTS)]
+        for done in [self._pool.submit(part, *chosen) for chosen in ordered]:
             done.result()
 
     def _network(self, network: Network) -> NetworkArrays:
