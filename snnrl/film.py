@@ -11,7 +11,7 @@ from torch import Tensor
 from snnrl.engines import Engine
 from snnrl.loop import Simulation
 
-PATH, STEP, SPIKES = 20_000, 400, 1000  # ms: of path, between its points, of spikes
+PATH, STEP, SPIKES = 10_000, 400, 1000  # ms: of path, between its points, of spikes
 
 
 class Film:

@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.metadata import version
@@ -58,8 +58,9 @@ class Interrupted(Exception):
 class Signals:
     """Remembers SIGINT or SIGTERM while the context lasts; a second one has its usual effect."""
 
+    received: signal.Signals | None = None
+
     def __enter__(self) -> Signals:
-        self.received: signal.Signals | None = None
         self._usual = {}
         if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
@@ -148,7 +149,8 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
             )
             write(folder / "config.yaml", dump(config))
         try:
-            simulate(config, simulation, engine, folder, saved, signals)
+            for _ in simulate(config, simulation, engine, folder, saved, signals):
+                pass
         except (Exception, KeyboardInterrupt) as error:
             with suppress(OSError):
                 mark_incomplete(folder, error)
@@ -205,8 +207,11 @@ def simulate(
     folder: Path,
     saved: Checkpoint | None,
     signals: Signals,
-) -> None:
-    """Run a simulation from where it is to its end, and write its results to `folder`."""
+) -> Iterator[float]:
+    """Run a simulation from where it is to its end, and write its results to `folder`.
+
+    Yields the simulated s that are done, after each part.
+    """
     tick = simulation.tick_length
     ticks, sampled, saves = (
         ticks_of(seconds, tick) for seconds in (config.seconds, config.record.every, config.checkpoint.every)
@@ -248,6 +253,7 @@ def simulate(
         if signals.received:
             at = f"at {done * tick / 1000.0:g} of {config.seconds:g} s"
             raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
+        yield done * tick / 1000.0
     wall = time.perf_counter() - progress.started
     results, alarmed = recorder.save()
     summary = {

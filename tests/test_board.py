@@ -102,7 +102,7 @@ def test_a_taxis_has_its_attraction_against_its_avoidance(address: str) -> None:
 
 
 def test_pictures_and_histograms(runs: Path, address: str) -> None:
-    tags = ["trial 7/last 20 s in the arena", "trial 7/last spikes", "trial 7/weights"]
+    tags = ["trial 7/last 10 s in the arena", "trial 7/last spikes", "trial 7/weights"]
     assert sorted(get(address, "images/tags")["a"]) == tags
     for tag in tags:
         shown = get(address, "images/images", run="a", tag=tag, sample=0)

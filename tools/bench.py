@@ -13,6 +13,7 @@ import argparse
 import copy
 import io
 import json
+import math
 import platform
 import statistics
 import time
@@ -25,7 +26,8 @@ import torch
 from snnrl.builder import build
 from snnrl.config import compose
 from snnrl.engines import Engine, make_engine
-from snnrl.job import perform
+from snnrl.files import write_json
+from snnrl.job import Signals, simulate
 from snnrl.loop import Simulation
 
 ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
@@ -53,25 +55,25 @@ def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
     return fresh.trials * count * fresh.coding.tick / (time.perf_counter() - started)
 
 
-def duration(robot: str, trials: int, seconds: float, threads: int, *overrides: str) -> float:
-    """Wall time (s) of a whole run in a folder."""
-    options = (f"trials={trials}", f"seconds={seconds}", f"threads={threads}", *overrides)
-    config = compose(f"+experiment={ROBOTS[robot]}", *options)
-    with TemporaryDirectory() as folder, redirect_stderr(io.StringIO()):
-        started = time.perf_counter()
-        perform(config, Path(folder))
-        return time.perf_counter() - started
-
-
-def recording(robot: str, trials: int, seconds: float, threads: int, repeats: int) -> float:
-    """Share of a run (%) that its recording takes: the median over pairs of runs, with it and without."""
+def recording(robot: str, trials: int, seconds: float, threads: int) -> float:
+    """Share of a run (%) that its recording takes: of two runs, with it and without, which take turns all along."""
     without = ("record.tensorboard=false", f"record.every={seconds}", f"record.start={seconds}")
-    duration(robot, trials, 2.0, threads)  # imports
-    pairs = [
-        (duration(robot, trials, seconds, threads), duration(robot, trials, seconds, threads, *without))
-        for _ in range(repeats)
-    ]
-    return statistics.median(100.0 * (recorded - bare) / recorded for recorded, bare in pairs)
+    engine = make_engine("fused", "cpu", threads)
+    torch.set_num_threads(1)  # as in every run on this engine
+    runs, spent, done = [], [0.0, 0.0], [0.0, 0.0]
+    with TemporaryDirectory() as parent, redirect_stderr(io.StringIO()):
+        for name, options in (("with", ()), ("without", without)):
+            config = compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}", f"seconds={seconds}", *options)
+            folder = Path(parent, name)
+            folder.mkdir()
+            write_json(folder / "summary.json", {"complete": False, "overrides": []})
+            runs.append(simulate(config, build(config), engine, folder, None, Signals()))
+        while min(done) < math.inf:
+            behind = done.index(min(done))
+            started = time.perf_counter()
+            done[behind] = next(runs[behind], math.inf)
+            spent[behind] += time.perf_counter() - started
+    return 100.0 * (spent[0] - spent[1]) / spent[0]
 
 
 def main() -> None:
@@ -102,7 +104,7 @@ def main() -> None:
             print(json.dumps({**case, "fused_over_reference": round(ratio, 1)}), flush=True)
     for robot in ROBOTS:
         for trials in arguments.trials:
-            share = recording(robot, trials, arguments.recorded, arguments.threads, arguments.repeats)
+            share = recording(robot, trials, arguments.recorded, arguments.threads)
             print(f"recording: {share:.1f} % of a run ({robot}, {trials} trials, {arguments.recorded:g} s)", flush=True)
     machine = {"machine": platform.processor() or platform.machine(), "torch": torch.__version__}
     print(json.dumps(machine))

@@ -52,7 +52,8 @@ class FusedEngine:
     def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.Engine`."""
         network = simulation.network
-        _check_compiled(*simulation.modules(), *simulation.world.ranges.values())
+        parts = (*simulation.coding.modules(), *simulation.world.modules(), *simulation.world.ranges.values())
+        _check_compiled(simulation, *parts)
         arrays = self._network(network)
         world, coding = _world(simulation.world), _coding(simulation.coding, network, simulation.world)
         spikes = _raster(raster, network)
