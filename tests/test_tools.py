@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import subprocess
 import sys
@@ -55,6 +56,18 @@ def test_peers_agree_and_are_timed(tmp_path: Path) -> None:
     if find_spec("brian2") is None:
         pytest.skip("Brian2 is not installed: its row says so; pip install 'snnrl[peers]'")
     assert "Brian2, numpy" in rows
+
+
+def test_speed_and_the_cost_of_recording_are_measured() -> None:
+    sizes = ["--trials", "2", "--repeats", "1", "--seconds", "0.1", "--warm-up", "0.1", "--recorded", "45"]
+    printed = [json.loads(line) for line in run_tool("tools/bench.py", *sizes).splitlines()]
+    for robot in ("food_only", "food_container"):
+        lines = [line for line in printed if line.get("robot") == robot]
+        speeds = {line["engine"]: line["trial_ms_per_s"]["min"] for line in lines if "engine" in line}
+        assert speeds.keys() == {"fused", "reference"}
+        assert min(speeds.values()) > 0
+        (cost,) = (line["recording_percent_of_run"] for line in lines if "recording_percent_of_run" in line)
+        assert 0 < cost["min"] == cost["median"] == cost["max"] < 100  # so short a run is mostly its pictures
 
 
 def test_the_dense_network_is_ours() -> None:

@@ -50,8 +50,7 @@ def rates(runs: Runs, experiment: str, robots: tuple[str, ...], bins: int = 100)
         values = smooth(run.series["collection_rate"], width)[width - 1 :: width]
         band(axis, run.time[width - 1 :: width], values, ROBOTS[robot], style.robot_name(robot))
     axis.set(xlabel="time (s)", ylabel=RATE, xlim=(0, run.time[-1]), ylim=(0, None))
-    axis.legend(loc="upper left", ncols=2 if len(robots) < 5 else 3)
-    axis.set_ylim(0, axis.get_ylim()[1] * 1.18)
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=3)
     return drawn
 
 
@@ -324,6 +323,7 @@ def failing_trial(runs: Runs) -> Figure | None:
             drawn, axis = figure()
             one_side(axis, runs[name], trial, sense="container", side=side)
             axis.set(title=f"{style.robot_name(runs[name].robot)}, trial {failed[0]}", ylim=(0, 3.6))
+            mark(axis, STRENGTH, "attraction must exceed")
             axis.legend(loc="upper left")
             return drawn
     return None
