@@ -231,8 +231,8 @@ def document(costs: Sequence[Cost], found: Sequence[tuple[bool, str]], command: 
             "Each line is a whole run of the food-attraction experiment (`python -m snnrl.run`) with its default "
             "recording, in a fresh process. *Build* makes the network and the world, *run* simulates, records and "
             "writes; *at the start* is the resident memory once the kernels are loaded. For more synapses the sensor "
-            f"and motor groups are larger. Runs of hours draw {PICTURES} pictures each, the longest as often as by "
-            "default: matplotlib's caches fill with the first dozen, and would look like a leak.",
+            f"and motor groups are larger. Runs of hours draw {PICTURES} pictures each, whatever their length: "
+            "matplotlib's caches fill with the first dozen, and would look like a leak.",
             "",
             HEAD,
             *map(line, costs),
