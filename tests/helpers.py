@@ -12,6 +12,7 @@ from snnrl.builder import build
 from snnrl.config import compose as compose_config
 from snnrl.engines import make_engine
 from snnrl.homeostasis import Homeostasis
+from snnrl.job import perform
 from snnrl.loop import Simulation
 from snnrl.modulators import Dopamine
 from snnrl.network import Network

@@ -1,0 +1,92 @@
+"""Every experiment at small size, bit for bit as recorded: a change that is not meant to change results changes none.
+
+After a change that is meant to, run `python tests/test_goldens.py`, and say which and why in its commit.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+import torch
+from helpers import compose_config, perform
+
+FILE = Path(__file__).parent / "goldens.json"
+SMALL = ("trials=3", "record.tensorboard=false", "threads=1")
+LONG = ("seconds=40", "record.every=4", *SMALL)
+TASK = ("seconds=4", "record.every=1", *SMALL)
+CASES: dict[str, tuple[str, ...]] = {
+    "orbit/learning": ("seconds=10", *SMALL),
+    "orbit/learning_disabled": ("seconds=10", *SMALL),
+    "orbit/positive_baseline": ("seconds=10", *SMALL),
+    "food_attraction/learning": LONG,
+    "food_attraction/random_walk": LONG,
+    "food_attraction/no_hunger": LONG,
+    "food_poison/learning": (*LONG, "poison=20"),
+    "secondary_stimulus/learning": LONG,
+    "secondary_stimulus/no_burst_threshold": LONG,
+    "secondary_behaviour/learning_disabled": LONG,
+    "secondary_behaviour/no_container_dopamine": LONG,
+    "secondary_behaviour/container_dopamine_learning": LONG,
+    "secondary_behaviour/fixed_container_dopamine": LONG,
+    "secondary_behaviour/benchmark": LONG,
+    "dual_learning/learning": LONG,
+    "stdp_search/learning": LONG,
+    "distal_reward/learning": TASK,
+    "classical_conditioning/learning": TASK,
+    "dual_learning/learning, reference": ("engine=reference", "seconds=4.2", "record.every=1.4", *SMALL),
+    "food_attraction/learning, float64": (*LONG, "dtype=float64"),
+}
+MOVED = {"poison=": "world.poison_from="}  # a case's words, and the keys that they stand for today
+
+
+def machine() -> str:
+    """What the bits may depend on: the maker of the processor, and the libraries that compute them."""
+    info = Path("/proc/cpuinfo")
+    found = [line for line in info.read_text().splitlines() if "vendor_id" in line] if info.exists() else []
+    maker = found[0].partition(":")[2].strip() if found else platform.machine()
+    return ", ".join([maker, *(f"{name} {version(name)}" for name in ("torch", "numba", "numpy"))])
+
+
+def digests(case: str, folder: Path) -> dict[str, str]:
+    """What a run keeps, by file and name."""
+    name, _, _ = case.partition(",")
+    experiment, _, robot = name.partition("/")
+    options = list(CASES[case])
+    for word, key in MOVED.items():
+        options = [option.replace(word, key) if option.startswith(word) else option for option in options]
+    perform(compose_config(f"+experiment={experiment}", f"robot={robot}", *options), folder)
+    kept = {"trials": hashlib.sha256((folder / "trials.csv").read_bytes()).hexdigest()[:16]}
+    for file in ("series", "weights"):
+        if (folder / f"{file}.npz").exists():
+            with np.load(folder / f"{file}.npz") as arrays:
+                for key in sorted(arrays.files):
+                    values = np.ascontiguousarray(arrays[key])
+                    content = f"{values.dtype} {values.shape}".encode() + values.tobytes()
+                    kept[f"{file}/{key}"] = hashlib.sha256(content).hexdigest()[:16]
+    return kept
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_every_experiment_is_bit_for_bit_as_recorded(case: str, tmp_path: Path) -> None:
+    golden = json.loads(FILE.read_text())
+    if golden["machine"] != machine():
+        pytest.skip(f"recorded on {golden['machine']}; this is {machine()}")
+    assert digests(case, tmp_path) == golden["cases"][case]
+
+
+if __name__ == "__main__":
+    torch.set_grad_enabled(False)
+    found = {}
+    for case in CASES:
+        with TemporaryDirectory() as folder:
+            found[case] = digests(case, Path(folder))
+        print(case, file=sys.stderr)
+    FILE.write_text(json.dumps({"machine": machine(), "cases": found}, indent=1) + "\n")
