@@ -1,14 +1,14 @@
 """Spiking neural networks that learn from reward by dopamine-modulated STDP, and a robot that proves it."""
 
-from snnrl import schema
+from snnrl.body.world import World
 from snnrl.builder import build, build_network, build_task
+from snnrl.configuration import schema
 from snnrl.engines import make_engine
-from snnrl.loop import Simulation, TaskSimulation
-from snnrl.network import Network
-from snnrl.neurons import NeuronGroup
-from snnrl.random import Draws
-from snnrl.synapses import Projection
-from snnrl.world import World
+from snnrl.model.draws import Draws
+from snnrl.model.network import Network
+from snnrl.model.neurons import NeuronGroup
+from snnrl.model.synapses import Projection
+from snnrl.simulation import Simulation, TaskSimulation
 
 __all__ = [
     "Draws",

@@ -5,15 +5,10 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from snnrl import memory
-from snnrl.coding import Coding, Pulse
-from snnrl.homeostasis import Homeostasis
-from snnrl.loop import Simulation, TaskSimulation
-from snnrl.modulators import Dopamine
-from snnrl.network import Network
-from snnrl.neurons import NeuronGroup
-from snnrl.random import Draws, stream
-from snnrl.schema import (
+from snnrl.body.coding import Coding, Pulse
+from snnrl.body.world import TOUCHES, RangeSensor, World
+from snnrl.configuration import footprint
+from snnrl.configuration.schema import (
     CodingConfig,
     Config,
     ConfigError,
@@ -30,9 +25,14 @@ from snnrl.schema import (
     WorldConfig,
     check_bounds,
 )
-from snnrl.synapses import Plasticity, Projection
-from snnrl.task import Coincidence, Reward, Stimuli, Task
-from snnrl.world import TOUCHES, RangeSensor, World
+from snnrl.model.draws import Draws, stream
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.modulators import Dopamine
+from snnrl.model.network import Network
+from snnrl.model.neurons import NeuronGroup
+from snnrl.model.synapses import Plasticity, Projection
+from snnrl.simulation import Simulation, TaskSimulation
+from snnrl.tasks.task import Coincidence, Reward, Stimuli, Task
 
 UNTAUGHT = RobotConfig(name="untaught")
 RESERVED = frozenset(dir(nn.ModuleDict()))
@@ -46,7 +46,7 @@ def build(config: Config) -> Simulation:
         ConfigError: names the first value that is out of bounds or contradicts another.
     """
     check(config)
-    memory.check(memory.of_run(config))
+    footprint.check(footprint.of_run(config))
     coding, world = config.body()
     draws = _draws(config)
     network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
@@ -67,7 +67,7 @@ def build_task(config: Config) -> TaskSimulation:
     """
     check_bounds(config)
     check_task(config)
-    memory.check(memory.of_run(config))
+    footprint.check(footprint.of_run(config))
     assert config.task is not None
     draws = _draws(config)
     network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
@@ -106,7 +106,7 @@ def build_network(
     """
     check_bounds(config, "network.")
     check_network(config, robot)
-    memory.check(memory.of_network(config, len(draws.trials)))
+    footprint.check(footprint.of_network(config, len(draws.trials)))
     groups = [_group(name, group, config.neurons[group.neuron], draws, dtype) for name, group in config.groups.items()]
     projections = [
         _projection(name, projection, config, robot, draws, dtype) for name, projection in config.projections.items()

@@ -2,7 +2,7 @@
 
 python -m snnrl.run +experiment=NAME [robot=NAME] [trials=N] [seconds=S] [seed=K] [engine=...] [device=...]
 python -m snnrl.run resume=RUN_FOLDER
-python -m snnrl.run +experiment=baselines    # see `snnrl.baselines`
+python -m snnrl.run +experiment=baselines    # see `snnrl.agents.baselines`
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
 from omegaconf import DictConfig
 
-from snnrl.cli import JobFailed, Passed, discard, explain, hydra_job, launch
-from snnrl.config import load, plain
+from snnrl.configuration.compose import load, plain
+from snnrl.configuration.schema import ConfigError
 from snnrl.files import FolderError
-from snnrl.job import Interrupted, perform
-from snnrl.schema import ConfigError
+from snnrl.running.command import JobFailed, Passed, discard, explain, hydra_job, launch
+from snnrl.running.job import Interrupted, perform
 
 BASELINES = "+experiment=baselines"
 
@@ -90,7 +90,7 @@ def main() -> None:
         if resumed:
             resume(Path(resumed[0]))
         elif BASELINES in arguments:
-            from snnrl import baselines  # which brings matplotlib
+            from snnrl.agents import baselines  # which brings matplotlib
 
             sys.argv.remove(BASELINES)
             hydra_job(baselines.job, "baselines")

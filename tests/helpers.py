@@ -8,18 +8,17 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from snnrl.body.world import RangeSensor, World
 from snnrl.builder import build
-from snnrl.config import compose as compose_config
+from snnrl.configuration.compose import compose as compose_config
 from snnrl.engines import make_engine
-from snnrl.homeostasis import Homeostasis
-from snnrl.job import perform
-from snnrl.loop import Simulation
-from snnrl.modulators import Dopamine
-from snnrl.network import Network
-from snnrl.neurons import NeuronGroup
-from snnrl.random import Draws
-from snnrl.synapses import Plasticity, Projection
-from snnrl.world import RangeSensor, World
+from snnrl.model.draws import Draws
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.modulators import Dopamine
+from snnrl.model.network import Network
+from snnrl.model.neurons import NeuronGroup
+from snnrl.model.synapses import Plasticity, Projection
+from snnrl.simulation import Simulation
 
 ENGINES = ("reference", "fused")
 EXCITATORY = (0.02, 0.2, -65.0, 8.0)  # a, b, c, d

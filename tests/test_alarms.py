@@ -13,9 +13,9 @@ from helpers import compose_config, make_simulation
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 from torch import Tensor
 
-from snnrl.alarms import POINTS, Alarms
-from snnrl.job import perform
-from snnrl.loop import Simulation
+from snnrl.recording.alarms import POINTS, Alarms
+from snnrl.running.job import perform
+from snnrl.simulation import Simulation
 
 ROLES = ["food_attraction", "food_attraction", "food_avoidance", "food_avoidance"]
 CONFIG = compose_config("+experiment=food_attraction").record.alarms

@@ -15,12 +15,12 @@ import torch
 from helpers import compose_config, make_simulation
 from torch import Tensor
 
-from snnrl.agents import Braitenberg, QLearning, RandomWalk, SarsaLambda, epsilon_greedy, states_of
-from snnrl.baselines import Result, agent_robot, collect, csv_of, markdown_of, marks_of
+from snnrl.agents.agents import Braitenberg, QLearning, RandomWalk, SarsaLambda, epsilon_greedy, states_of
+from snnrl.agents.baselines import Result, agent_robot, collect, csv_of, markdown_of, marks_of
+from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
+from snnrl.configuration.schema import BaselinesConfig, BraitenbergConfig, Config, QLearningConfig, SarsaLambdaConfig
 from snnrl.engines import make_engine
-from snnrl.foraging import LEFT, RIGHT, STRAIGHT
-from snnrl.random import Draws
-from snnrl.schema import BaselinesConfig, BraitenbergConfig, Config, QLearningConfig, SarsaLambdaConfig
+from snnrl.model.draws import Draws
 
 OPTIONS = BaselinesConfig(
     agents=["random_walk"],

@@ -21,7 +21,7 @@ from helpers import compose_config
 from PIL import Image
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from snnrl.job import perform
+from snnrl.running.job import perform
 
 SWEEP = {"a": ["network.dopamine.tau=25", "seed=3"], "b": ["network.dopamine.tau=40", "seed=3"]}
 RUN = ["+experiment=dual_learning", "trials=2", "trial_start=7", "seconds=30", "threads=1"]

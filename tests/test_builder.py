@@ -7,7 +7,7 @@ import torch
 from helpers import compose_config
 
 from snnrl.builder import build
-from snnrl.loop import Simulation
+from snnrl.simulation import Simulation
 
 TRIALS = 200
 

@@ -13,11 +13,11 @@ import torch
 import yaml
 from helpers import compose_config
 
-from snnrl import calibrate
-from snnrl.analysis.published import PUBLISHED
 from snnrl.builder import build
-from snnrl.calibrate import FREE, contrast, fraction_distance, loss, mean_distance, neighbours, present
-from snnrl.search import search
+from snnrl.thesis import calibrate
+from snnrl.thesis.calibrate import FREE, contrast, fraction_distance, loss, mean_distance, neighbours, present
+from snnrl.thesis.published import PUBLISHED
+from snnrl.thesis.search import search
 
 
 def test_a_difference_of_means_in_standard_errors() -> None:

@@ -20,12 +20,13 @@ import torch
 from helpers import compose_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from snnrl import checkpoint, files, job, run
-from snnrl.cli import status
+from snnrl import files, run
+from snnrl.configuration.schema import Config
 from snnrl.engines.fused import FusedEngine
 from snnrl.files import FolderError, owned, write
-from snnrl.job import Interrupted, perform
-from snnrl.schema import Config
+from snnrl.running import checkpoint, job
+from snnrl.running.command import status
+from snnrl.running.job import Interrupted, perform
 
 OVERRIDES = ("+experiment=food_attraction", "trials=2", "seconds=21", "record.every=5", "threads=1", "seed=3")
 SHOWN = ("record.histograms=4", "record.pictures=15")

@@ -10,13 +10,13 @@ import pytest
 import torch
 from helpers import compose_config
 
-from snnrl.analysis import claims
-from snnrl.analysis.compare import compare, contrast
-from snnrl.analysis.fit import best_region, describe, grid_points, point_name, point_of
-from snnrl.analysis.methods import coincidence, pair_eligibility, sensor_encoding
-from snnrl.analysis.runs import Run
-from snnrl.analysis.statistics import Share
 from snnrl.engines import make_engine
+from snnrl.thesis import claims
+from snnrl.thesis.compare import compare, contrast
+from snnrl.thesis.fit import best_region, describe, grid_points, point_name, point_of
+from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding
+from snnrl.thesis.runs import Run
+from snnrl.thesis.statistics import Share
 
 
 def hand_made(**parts: Any) -> Run:

@@ -11,8 +11,8 @@ from scipy import stats
 from torch import Tensor
 
 from snnrl.engines import make_engine
-from snnrl.loop import Simulation
-from snnrl.random import Draws, poisson, poisson_of_means, poisson_thresholds, stream
+from snnrl.model.draws import Draws, poisson, poisson_of_means, poisson_thresholds, stream
+from snnrl.simulation import Simulation
 
 P = 1e-3  # every test of a distribution has a fixed seed and must not be rejected at this level
 TICK = 70

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 from helpers import compose_config
 
-from snnrl import collect
-from snnrl.collect import fraction_interval, mean_interval
 from snnrl.files import FolderError
-from snnrl.job import perform
+from snnrl.running import merge
+from snnrl.running.job import perform
+from snnrl.running.merge import fraction_interval, mean_interval
 
 
 def shard(folder: Path, start: int, count: int, *overrides: str) -> Path:
@@ -62,11 +62,11 @@ def test_shards_give_the_trials_of_one_big_run(runs: Path) -> None:
 
 
 def test_a_row_for_each_cell(runs: Path) -> None:
-    table, incomplete = collect.collect([runs / "shards", runs / "other"])
+    table, incomplete = merge.collect([runs / "shards", runs / "other"])
     assert incomplete == []
     assert [row["overrides"] for row in table] == ["network.dopamine.delay=6 seconds=20", "seconds=20"]
     assert [row["trials"] for row in table] == [3, 5]
-    (whole,), _ = collect.collect([runs / "whole"])
+    (whole,), _ = merge.collect([runs / "whole"])
     assert table[1] == whole
     food = [int(row[1]) for row in rows(runs / "whole" / "trials.csv")[1:]]
     assert (whole["experiment"], whole["robot"]) == ("food_attraction", "learning")
@@ -88,11 +88,11 @@ def test_intervals_in_closed_form() -> None:
 
 def test_overlapping_shards_are_refused(runs: Path) -> None:
     with pytest.raises(FolderError, match=r"whole: overlaps with .*second \(trial 6\)"):
-        collect.collect([runs / "shards" / "second", runs / "whole"])
+        merge.collect([runs / "shards" / "second", runs / "whole"])
 
 
 def test_a_folder_named_twice_counts_once(runs: Path) -> None:
-    (row,), _ = collect.collect([runs / "shards", runs / "shards" / "first"])
+    (row,), _ = merge.collect([runs / "shards", runs / "shards" / "first"])
     assert row["trials"] == 5
 
 
@@ -117,12 +117,12 @@ def test_shards_that_do_not_fit_are_refused(
     place = Path(shutil.copytree(runs / "shards", tmp_path / "shards"))
     edit(place / "first" / file, old, new)
     with pytest.raises(FolderError, match=message):
-        collect.collect([place / "second", place / "first"])
+        merge.collect([place / "second", place / "first"])
 
 
 def command(monkeypatch: pytest.MonkeyPatch, *arguments: Any) -> None:
     monkeypatch.setattr(sys, "argv", ["snnrl.collect", *map(str, arguments)])
-    collect.main()
+    merge.main()
 
 
 def test_the_table_as_csv_and_parquet(
@@ -139,7 +139,7 @@ def test_the_table_as_csv_and_parquet(
 
     command(monkeypatch, runs / "shards", runs / "other", "-o", tmp_path / "table.parquet")
     table = pyarrow.parquet.read_table(tmp_path / "table.parquet").to_pylist()
-    assert table == collect.collect([runs / "shards", runs / "other"])[0]
+    assert table == merge.collect([runs / "shards", runs / "other"])[0]
 
 
 def test_what_is_left_out_or_wrong_is_said_in_a_line(

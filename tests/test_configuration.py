@@ -8,9 +8,9 @@ import pytest
 from helpers import compose_config
 
 from snnrl.builder import build, build_task
-from snnrl.config import conf_dir
+from snnrl.configuration.compose import conf_dir
+from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
-from snnrl.schema import ConfigError
 
 EXPERIMENTS = sorted(path.stem for path in Path(conf_dir(), "experiment").glob("*.yaml"))
 CASES = [

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from helpers import compose_config
 
-from snnrl.analysis.criteria import correct, taxis_learnt
 from snnrl.builder import build
-from snnrl.network import Network
+from snnrl.model.network import Network
+from snnrl.recording.criteria import correct, taxis_learnt
 
 # mean weights of left to right, right to left (attraction), left to left, right to right (avoidance), mV
 CASES = {

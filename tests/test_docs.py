@@ -16,7 +16,7 @@ import matplotlib as mpl
 import pytest
 import yaml
 
-from snnrl.schema import Config
+from snnrl.configuration.schema import Config
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -142,8 +142,8 @@ def test_keys_that_do_not_exist_are_found() -> None:
     assert not is_key(Config, ["trials", "more"])
     assert {"network", "world", "coding"} <= set(PARTS)
     assert "trials" not in PARTS
-    assert is_there("snnrl.analysis.criteria.correct")
-    assert not is_there("snnrl.analysis.criteria.wrong")
+    assert is_there("snnrl.recording.criteria.correct")
+    assert not is_there("snnrl.recording.criteria.wrong")
 
 
 def test_the_citation_is_of_this_version() -> None:

@@ -10,7 +10,7 @@ import pytest
 import torch
 from helpers import ENGINES, SURE, forced, make_dopamine, make_group, make_network, run, run_each, silence
 
-from snnrl.network import Network
+from snnrl.model.network import Network
 
 BASELINE, RELEASE = -0.0004, 0.0035
 

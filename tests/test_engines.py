@@ -11,13 +11,9 @@ from helpers import compose_config
 from scipy import stats
 from torch import Tensor
 
+from snnrl.body.world import World
 from snnrl.builder import build, build_network
-from snnrl.engines import make_engine
-from snnrl.engines.fused import FusedEngine
-from snnrl.loop import Simulation
-from snnrl.network import Network
-from snnrl.random import Draws
-from snnrl.schema import (
+from snnrl.configuration.schema import (
     ConfigError,
     DopamineConfig,
     GroupConfig,
@@ -28,7 +24,11 @@ from snnrl.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
-from snnrl.world import World
+from snnrl.engines import make_engine
+from snnrl.engines.fused import FusedEngine
+from snnrl.model.draws import Draws
+from snnrl.model.network import Network
+from snnrl.simulation import Simulation
 
 ROBOTS = {
     "food-only, learning": ["+experiment=food_attraction"],

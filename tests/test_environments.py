@@ -17,10 +17,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from helpers import make_simulation, place
 
 import snnrl.environments
+from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
+from snnrl.body.world import TOUCHES
+from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
-from snnrl.foraging import LEFT, RIGHT, STRAIGHT
-from snnrl.schema import ConfigError
-from snnrl.world import TOUCHES
 
 NAMES = {"snnrl/Foraging-v0": 3, "snnrl/FoodContainers-v0": 7}  # numbers of sensors
 

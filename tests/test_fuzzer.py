@@ -24,12 +24,12 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 import snnrl
-from snnrl import memory
 from snnrl.builder import build
-from snnrl.cli import LONGEST, explain
-from snnrl.config import conf_dir, plain
+from snnrl.configuration import footprint
+from snnrl.configuration.compose import conf_dir, plain
+from snnrl.configuration.schema import Config, ConfigError
 from snnrl.engines import make_engine
-from snnrl.schema import Config, ConfigError
+from snnrl.running.command import LONGEST, explain
 
 REFUSALS = (ConfigError, HydraException, OmegaConfBaseException)
 CASES, PARTS = 2000, 8
@@ -87,7 +87,7 @@ def compiled() -> None:
 
 @pytest.mark.parametrize("part", range(PARTS))
 def test_a_spoilt_configuration_runs_or_is_refused_in_one_line(part: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(memory, "available", lambda: LIMIT)
+    monkeypatch.setattr(footprint, "available", lambda: LIMIT)
     before, outcomes = peak(), Counter[str]()
     for seed in range(part * CASES // PARTS, (part + 1) * CASES // PARTS):
         how, tree = fuzz.case(seed)
@@ -136,7 +136,7 @@ def test_no_misspelt_key_is_ignored(path: tuple[str, ...]) -> None:
 def test_more_memory_than_there_is_is_refused_before_it_is_taken(
     overrides: list[str], key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(memory, "available", lambda: 8 << 30)
+    monkeypatch.setattr(footprint, "available", lambda: 8 << 30)
     config = compose_config("+experiment=food_attraction", *overrides)
     before = peak()
     with pytest.raises(ConfigError, match=rf"^{re.escape(key)}.*GiB of memory in all, must be at most 8 GiB$"):
@@ -146,7 +146,8 @@ def test_more_memory_than_there_is_is_refused_before_it_is_taken(
 
 MEASURE = """
 import torch
-from snnrl import Draws, build_network, make_engine, memory, schema
+from snnrl import Draws, build_network, make_engine, schema
+from snnrl.configuration import footprint
 def build(size):
     network = schema.NetworkConfig(
         neurons={"regular": schema.NeuronConfig(0.02, 0.2, -65.0, 8.0, v=-65.0)},
@@ -167,7 +168,7 @@ open("/proc/self/clear_refs", "w").write("5")  # the peak begins anew; a child's
 before = peak()
 built, network = build(1000)
 grown = peak() - before
-print(grown / sum(memory.of_network(network, 1).values()))
+print(grown / sum(footprint.of_network(network, 1).values()))
 """
 
 

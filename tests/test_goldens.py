@@ -16,7 +16,9 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 import torch
-from helpers import compose_config, perform
+from helpers import compose_config
+
+from snnrl.running.job import perform
 
 FILE = Path(__file__).parent / "goldens.json"
 SMALL = ("trials=3", "record.tensorboard=false", "threads=1")

@@ -23,8 +23,8 @@ from helpers import (
 )
 from torch import Tensor
 
-from snnrl.homeostasis import Homeostasis
-from snnrl.network import Network
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.network import Network
 
 NONE = math.nan  # a pair that is not joined
 

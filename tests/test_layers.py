@@ -29,17 +29,23 @@ def importers(module: str) -> set[str]:
 
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
-    assert importers("hydra") == {"cli.py", "run.py", "baselines.py", "config.py"}
-    assert importers("optuna") == {"calibrate.py", "search.py"}
-    assert importers("omegaconf") == {"cli.py", "run.py", "baselines.py", "config.py", "schema.py"}
+    assert importers("hydra") == {"running/command.py", "run.py", "agents/baselines.py", "configuration/compose.py"}
+    assert importers("optuna") == {"thesis/calibrate.py", "thesis/search.py"}
+    assert importers("omegaconf") == {
+        *("running/command.py", "run.py", "agents/baselines.py"),
+        *("configuration/compose.py", "configuration/schema.py"),
+    }
 
 
 def test_only_the_board_and_the_task_recorder_know_tensorboard() -> None:
-    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"board.py", "record_task.py"}
+    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {
+        "recording/board.py",
+        "recording/task_recorder.py",
+    }
 
 
 def test_what_records_knows_nothing_of_the_analysis() -> None:
-    assert not {"record.py", "board.py", "film.py", "alarms.py", "pictures.py"} & importers("snnrl.analysis")
+    assert not any(path.startswith(("recording/", "drawing/")) for path in importers("snnrl.thesis"))
 
 
 def test_only_the_fused_engine_knows_numba() -> None:
@@ -47,25 +53,25 @@ def test_only_the_fused_engine_knows_numba() -> None:
 
 
 def test_only_the_environments_know_gymnasium() -> None:
-    assert importers("gymnasium") == {"environments.py"}
+    assert importers("gymnasium") == {"agents/environments.py"}
     assert importers("stable_baselines3") == set()
 
 
 def test_network_and_world_know_nothing_of_each_other() -> None:
-    world = {name for path, names in imports().items() if path.startswith("world/") for name in names}
+    world = {name for path, names in imports().items() if path.startswith("body/world/") for name in names}
     assert {name for name in world if name.startswith("snnrl")} <= {
-        "snnrl.random",
-        "snnrl.world.geometry",
-        "snnrl.world.sensors",
-        "snnrl.world.world",
+        "snnrl.model.draws",
+        "snnrl.body.world.geometry",
+        "snnrl.body.world.sensors",
+        "snnrl.body.world.world",
     }
-    network = set().union(*(imports()[f"{name}.py"] for name in ("network", "neurons", "synapses", "modulators")))
-    assert not any(name.startswith(("snnrl.world", "snnrl.coding", "snnrl.loop")) for name in network)
+    network = set().union(*(imports()[f"model/{name}.py"] for name in ("network", "neurons", "synapses", "modulators")))
+    assert not any(name.startswith(("snnrl.body.world", "snnrl.body.coding", "snnrl.simulation")) for name in network)
 
 
 def test_a_task_knows_only_the_network_and_its_random_numbers() -> None:
-    known = {name for name in imports()["task.py"] if name.startswith("snnrl")}
-    assert known == {"snnrl.network", "snnrl.random"}
+    known = {name for name in imports()["tasks/task.py"] if name.startswith("snnrl")}
+    assert known == {"snnrl.model.network", "snnrl.model.draws"}
 
 
 def test_nothing_in_the_package_depends_on_tools_or_tests() -> None:

@@ -10,7 +10,7 @@ import pytest
 import torch
 from helpers import ENGINES, EXCITATORY, INHIBITORY, make_group, make_network, run, silence, spikes_of
 
-from snnrl.random import Draws, stream
+from snnrl.model.draws import Draws, stream
 
 STEPS = 700
 CURRENTS: dict[str, Callable[[int], float]] = {

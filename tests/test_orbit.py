@@ -6,10 +6,10 @@ import pytest
 import torch
 from helpers import compose_config
 
+from snnrl.body.world.geometry import offset, orbit
 from snnrl.builder import build
+from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
-from snnrl.schema import ConfigError
-from snnrl.world.geometry import offset, orbit
 
 
 def test_an_attracted_robot_stays_on_its_orbit_round_the_item() -> None:

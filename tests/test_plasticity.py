@@ -26,7 +26,7 @@ from helpers import (
 )
 from torch import Tensor
 
-from snnrl.network import Network
+from snnrl.model.network import Network
 
 STEPS = 257  # more than two blocks of the fused engine, and not a multiple
 PATTERNS: dict[str, tuple[list[int], list[int]]] = {

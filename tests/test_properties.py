@@ -25,9 +25,9 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from snnrl.engines import make_engine
-from snnrl.homeostasis import Homeostasis
-from snnrl.network import Network
-from snnrl.synapses import Plasticity
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.network import Network
+from snnrl.model.synapses import Plasticity
 
 engines = st.sampled_from(ENGINES)
 seeds = st.integers(0, 2**32 - 1)

@@ -9,7 +9,7 @@ from scipy import stats
 
 from snnrl.engines.fused import philox as compiled
 from snnrl.engines.fused.world import poisson_table
-from snnrl.random import (
+from snnrl.model.draws import (
     BITS,
     Draws,
     philox,

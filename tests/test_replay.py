@@ -24,18 +24,18 @@ from helpers import (
 )
 from PIL import Image
 
-from snnrl import replay
-from snnrl.analysis.credit import Ledger, pairs_of
-from snnrl.analysis.runs import Run
 from snnrl.builder import build
-from snnrl.config import load
+from snnrl.configuration.compose import load
+from snnrl.configuration.schema import Config
 from snnrl.engines import make_engine
-from snnrl.homeostasis import Homeostasis
-from snnrl.job import perform
-from snnrl.network import Network
-from snnrl.neurons import NEVER
-from snnrl.replay import Original, Recording, record
-from snnrl.schema import Config
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.network import Network
+from snnrl.model.neurons import NEVER
+from snnrl.replay import replay
+from snnrl.replay.credit import Ledger, pairs_of
+from snnrl.replay.replay import Original, Recording, record
+from snnrl.running.job import perform
+from snnrl.thesis.runs import Run
 
 TRIAL, SECONDS, FROM = 17, 5.6, 2.1  # trial 17 finds food at 2.5 s and at 5.3 s
 HOW_TO = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from snnrl import reproduce
-from snnrl.analysis.figures import DRAWINGS
-from snnrl.analysis.published import published
+from snnrl.thesis import reproduce
+from snnrl.thesis.figures import DRAWINGS
+from snnrl.thesis.published import published
 
 
 @pytest.fixture(scope="module")

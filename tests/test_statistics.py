@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from snnrl.analysis.statistics import MARGIN, Sample, Share, compare_means, compare_shares, interval, welch
+from snnrl.thesis.statistics import MARGIN, Sample, Share, compare_means, compare_shares, interval, welch
 
 A = np.array([10.0, 14.0, 12.0, 16.0, 9.0])
 B = np.array([11.0, 8.0, 7.0, 10.0, 9.5, 6.0])

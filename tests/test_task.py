@@ -29,15 +29,15 @@ from helpers import (
 )
 from torch import Tensor
 
-from snnrl.analysis.task_figures import quarters
 from snnrl.builder import build, build_task
+from snnrl.configuration.schema import ConfigError
+from snnrl.drawing.task_figures import quarters
 from snnrl.engines import make_engine
-from snnrl.loop import TaskSimulation
-from snnrl.network import Network
-from snnrl.random import Draws
-from snnrl.schema import ConfigError
-from snnrl.synapses import Plasticity
-from snnrl.task import NONE, Coincidence, Reward, Stimuli
+from snnrl.model.draws import Draws
+from snnrl.model.network import Network
+from snnrl.model.synapses import Plasticity
+from snnrl.simulation import TaskSimulation
+from snnrl.tasks.task import NONE, Coincidence, Reward, Stimuli
 
 EXPERIMENTS = ("distal_reward", "classical_conditioning")
 PUBLISHED = Plasticity(

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
+from snnrl.body.world import TOUCHES
+from snnrl.body.world.geometry import drive, in_disc, offset
 from snnrl.engines import make_engine
-from snnrl.loop import Simulation
-from snnrl.world import TOUCHES
-from snnrl.world.geometry import drive, in_disc, offset
+from snnrl.simulation import Simulation
 
 TICK = 0.07  # s
 STILL = torch.zeros(1, 2, dtype=torch.float64)

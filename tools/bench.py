@@ -23,13 +23,13 @@ from tempfile import TemporaryDirectory
 
 import torch
 
-import snnrl.pictures  # noqa: F401  # so that no run has to wait for matplotlib
+import snnrl.drawing.pictures  # noqa: F401  # so that no run has to wait for matplotlib
 from snnrl.builder import build
-from snnrl.config import compose
+from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
-from snnrl.job import Signals, simulate
-from snnrl.loop import Simulation
+from snnrl.running.job import Signals, simulate
+from snnrl.simulation import Simulation
 
 ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
 REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow

@@ -29,11 +29,11 @@ from pathlib import Path
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from snnrl import checkpoint
 from snnrl.builder import build
-from snnrl.config import compose
+from snnrl.configuration.compose import compose
 from snnrl.engines import make_engine
 from snnrl.run import main as command
+from snnrl.running import checkpoint
 
 RUN = ["+experiment=food_attraction", "trials=2", "seconds=60", "threads=1", "record.every=3", "checkpoint.every=1"]
 WALL = ("wall_s", "trial_ms_per_s")

@@ -3,7 +3,8 @@
     python tools/scale.py [--trials 100,1000,10000] [--hours 1,3,10] [--synapses 1360,10000,100000] [--small]
                           [--markdown docs/scale.md]
 
-Every size is a run of `snnrl.job` with the default recording, in a process of its own that has loaded its compiled
+Every size is a run of `snnrl.running.job` with the default recording, in a process of its own that has loaded its
+compiled
 kernels before the clock starts. Checked are: time and memory grow at most `TIME` and `MEMORY` times as fast as the
 size, a run's peak of memory does not depend on its length (`LEAK`), and TensorBoard events stay below `EVENTS` a
 simulated hour. Exit status 1 if a check fails. The plot is written beside the Markdown, as a PNG.
@@ -29,11 +30,11 @@ from typing import Any
 import numpy as np
 
 from snnrl.builder import build
-from snnrl.config import compose
+from snnrl.configuration.compose import compose
+from snnrl.drawing.style import ATTRACTION, PUBLISHED, figure
 from snnrl.engines import make_engine
 from snnrl.files import write
-from snnrl.job import perform
-from snnrl.style import ATTRACTION, PUBLISHED, figure
+from snnrl.running.job import perform
 
 TIME = 1.5  # time may grow by so much more than the size
 MEMORY = 1.5  # and so may memory beyond that of the start

@@ -6,10 +6,10 @@ from typing import Protocol
 
 from torch import Tensor
 
+from snnrl.configuration.schema import ConfigError
 from snnrl.engines.reference import ReferenceEngine
-from snnrl.loop import Simulation
-from snnrl.network import Network
-from snnrl.schema import ConfigError
+from snnrl.model.network import Network
+from snnrl.simulation import Simulation
 
 
 class Engine(Protocol):

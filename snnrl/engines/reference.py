@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from snnrl.loop import Simulation
-from snnrl.network import Network
+from snnrl.model.network import Network
+from snnrl.simulation import Simulation
 
 
 class ReferenceEngine:

@@ -13,10 +13,7 @@ from helpers import ENGINES, forced, make_dopamine, make_group, make_network, ma
 from torch import Tensor
 
 from snnrl.builder import build_network
-from snnrl.engines import make_engine
-from snnrl.network import Network
-from snnrl.random import Draws
-from snnrl.schema import (
+from snnrl.configuration.schema import (
     DopamineConfig,
     GroupConfig,
     HomeostasisConfig,
@@ -26,6 +23,9 @@ from snnrl.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
+from snnrl.engines import make_engine
+from snnrl.model.draws import Draws
+from snnrl.model.network import Network
 
 if find_spec("brian2") is None:
     pytest.skip("Brian2 is not installed: pip install 'snnrl[peers]'", allow_module_level=True)

@@ -18,7 +18,7 @@ import torch
 from recording import Run
 from torch import Tensor
 
-from snnrl.network import Network
+from snnrl.model.network import Network
 
 if "ptp" not in vars(np.ndarray):
     # Brian2 2.9, the last for Python 3.11, looks at import for a method that NumPy 2.4 has dropped

@@ -31,7 +31,7 @@ from torch import Tensor
 
 from snnrl.engines import make_engine
 from snnrl.files import write
-from snnrl.network import Network
+from snnrl.model.network import Network
 
 LEARNT = ("+robot.weights.food_attraction=3", "+robot.weights.food_avoidance=0.5")  # mV; about what it learns
 SHORTEST, MOST = 0.3, 20  # s of wall time; what is faster is run again from the same state, so many times at most

@@ -8,7 +8,7 @@ from collections import deque
 import torch
 from torch import Tensor
 
-from snnrl.network import Network
+from snnrl.model.network import Network
 
 
 class DenseNetwork:

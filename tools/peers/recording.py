@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from snnrl.builder import build
-from snnrl.config import compose
+from snnrl.configuration.compose import compose
 from snnrl.engines import make_engine
-from snnrl.network import Network
+from snnrl.model.network import Network
 
 
 def food_only(trials: int, steps: int, *options: str) -> tuple[Network, Tensor]:

@@ -14,18 +14,18 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from snnrl.coding import Coding
+from snnrl.body.coding import Coding
+from snnrl.body.world import TOUCHES, RangeSensor, World
+from snnrl.configuration.schema import ConfigError
 from snnrl.engines.fused.network import BLOCK, NetworkArrays, run_network
 from snnrl.engines.fused.world import CodingArrays, WorldArrays, run_ticks
-from snnrl.homeostasis import Homeostasis
-from snnrl.loop import Simulation
-from snnrl.modulators import Dopamine
-from snnrl.network import Network, SynapseTable
-from snnrl.neurons import CONSTANT, LINEAR, PEAK, SQUARE, NeuronGroup
-from snnrl.random import poisson_table_size, stream
-from snnrl.schema import ConfigError
-from snnrl.synapses import Plasticity, Projection, stdp
-from snnrl.world import TOUCHES, RangeSensor, World
+from snnrl.model.draws import poisson_table_size, stream
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.modulators import Dopamine
+from snnrl.model.network import Network, SynapseTable
+from snnrl.model.neurons import CONSTANT, LINEAR, PEAK, SQUARE, NeuronGroup
+from snnrl.model.synapses import Plasticity, Projection, stdp
+from snnrl.simulation import Simulation
 
 FORGOTTEN = 100  # in units of tau: older pairs add less than 1e-43 of their amplitude
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting

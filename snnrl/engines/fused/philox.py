@@ -1,17 +1,17 @@
-"""The random numbers of `snnrl.random`, compiled."""
+"""The random numbers of `snnrl.model.draws`, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit, uint64
 
-from snnrl import random
+from snnrl.model import draws
 
-MULTIPLIER_0, MULTIPLIER_1 = np.uint64(random.MULTIPLIER_0), np.uint64(random.MULTIPLIER_1)
-WEYL_0, WEYL_1 = np.uint64(random.WEYL_0), np.uint64(random.WEYL_1)
-MASK, WORD = np.uint64(random.MASK), np.uint64(32)
-UNUSED = np.uint64(32 - random.BITS)
-UNIT = 1.0 / (1 << random.BITS)
+MULTIPLIER_0, MULTIPLIER_1 = np.uint64(draws.MULTIPLIER_0), np.uint64(draws.MULTIPLIER_1)
+WEYL_0, WEYL_1 = np.uint64(draws.WEYL_0), np.uint64(draws.WEYL_1)
+MASK, WORD = np.uint64(draws.MASK), np.uint64(32)
+UNUSED = np.uint64(32 - draws.BITS)
+UNIT = 1.0 / (1 << draws.BITS)
 
 
 @njit(inline="always")

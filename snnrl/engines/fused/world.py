@@ -183,7 +183,7 @@ def poisson(draw, thresholds):
 
 @njit
 def poisson_table(mean, table):
-    """Cumulative probabilities as in `snnrl.random.poisson_of_means`, as far as a draw can reach."""
+    """Cumulative probabilities as in `snnrl.model.draws.poisson_of_means`, as far as a draw can reach."""
     probability, factor = math.exp(-mean), 1.0
     table[:] = 1.0
     table[0] = probability

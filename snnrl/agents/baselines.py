@@ -1,0 +1,269 @@
+"""Agents without neurons against the spiking robot that learns, in the same worlds: a table and a plot.
+
+    python -m snnrl.run +experiment=baselines [trials=N] [seconds=S] [seed=K] [agents=[...]]
+
+`trials` and `seconds` are each task's own unless given: at the published sizes this takes many minutes.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import hydra
+import numpy as np
+import torch
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import HydraException
+from hydra.types import RunMode
+from matplotlib.figure import Figure
+from omegaconf import DictConfig, OmegaConf
+from scipy import stats
+from torch import Tensor
+
+from snnrl.agents.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
+from snnrl.agents.foraging import Foraging
+from snnrl.body.world import World
+from snnrl.builder import build, check, torch_device
+from snnrl.configuration.compose import plain
+from snnrl.configuration.schema import BaselinesConfig, Config, ConfigError, check_bounds
+from snnrl.engines import make_engine
+from snnrl.files import write
+from snnrl.model.draws import Draws
+from snnrl.running.command import Passed, discard
+
+SPIKING = "spiking"
+AGENTS: Mapping[str, Callable[[Draws, int, BaselinesConfig], Agent]] = {
+    "random_walk": lambda draws, sensors, config: RandomWalk(draws),
+    "braitenberg": lambda draws, sensors, config: Braitenberg(draws, config.braitenberg),
+    "q_learning": lambda draws, sensors, config: QLearning(draws, sensors, config.q_learning),
+    "sarsa_lambda": lambda draws, sensors, config: SarsaLambda(draws, sensors, config.sarsa_lambda),
+}
+COLOURS = {  # of Okabe and Ito, told apart by colour-blind readers
+    SPIKING: "#000000",
+    "random_walk": "#999999",
+    "braitenberg": "#E69F00",
+    "q_learning": "#0072B2",
+    "sarsa_lambda": "#009E73",
+}
+LATE = 0.2  # the last part of a task, in which what has been learnt shows
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one agent collected in one task.
+
+    Attributes:
+        time: float64 [T], s, the ends of the spans that are counted.
+        items: int64 [T, B], taken in each span.
+        poison: bool [T], whether items were poison in that span.
+    """
+
+    task: str
+    agent: str
+    time: np.ndarray
+    items: np.ndarray
+    poison: np.ndarray
+
+    @property
+    def spans(self) -> np.ndarray:
+        """Length of each span, [T], s."""
+        return np.diff(self.time, prepend=0.0)
+
+    def row(self) -> dict[str, str | int | float]:
+        """A row of the table: means and standard deviations over trials, 95 % interval of the mean reward."""
+        trials = self.items.shape[1]
+        food, poison = self.items[~self.poison].sum(0), self.items[self.poison].sum(0)
+        reward = food - poison
+        error = reward.std(ddof=1) / math.sqrt(trials) if trials > 1 else math.nan
+        reach = stats.t.ppf(0.975, trials - 1) * error if trials > 1 else math.nan
+        late = self.time > (1 - LATE) * self.time[-1]
+        return {
+            "task": self.task,
+            "agent": self.agent,
+            "trials": trials,
+            "seconds": float(self.time[-1]),
+            "food_mean": food.mean(),
+            "food_sd": food.std(ddof=1) if trials > 1 else math.nan,
+            "poison_mean": poison.mean(),
+            "poison_sd": poison.std(ddof=1) if trials > 1 else math.nan,
+            "reward_mean": reward.mean(),
+            "reward_low": reward.mean() - reach,
+            "reward_high": reward.mean() + reach,
+            "late_rate": self.items[late].sum(0).mean() / self.spans[late].sum(),
+        }
+
+
+def marks_of(config: Config, samples: int) -> list[int]:
+    """The ticks after which to count: `samples` of them, evenly spread; the nearest moves to food's turn to poison."""
+    coding, world = config.body()
+    tick = coding.tick
+    ticks = max(1, round(1000 * config.seconds / tick))
+    marks = {round(ticks * (k + 1) / samples) for k in range(samples)} - {0}
+    if world.poison_from is not None:
+        turn = math.ceil(round(1000 * world.poison_from) / tick)
+        marks = {mark for mark in marks if abs(mark - turn) >= 0.5 * ticks / samples} | {turn, ticks}
+    return sorted(mark for mark in marks if 0 < mark <= ticks)
+
+
+def spiking_robot(config: Config) -> tuple[World, Callable[[int], None]]:
+    """The world of the spiking robot of a task, and what runs it for so many ticks."""
+    simulation = build(config)
+    engine = make_engine(config.engine, config.device, config.threads)
+    return simulation.world, lambda ticks: engine.run(simulation, ticks)
+
+
+def agent_robot(config: Config, name: str, options: BaselinesConfig) -> tuple[World, Callable[[int], None]]:
+    """The world of the agent of that name, and what runs it for so many ticks."""
+    trials = torch.arange(config.trial_start, config.trial_start + config.trials, device=config.device)
+    draws = Draws(config.seed, trials)
+    body = Foraging(config, draws)
+    agent = AGENTS[name](draws, len(body.coding.ranges), options)
+    reward = torch.zeros(len(trials), dtype=torch.float64, device=trials.device)
+
+    def advance(ticks: int) -> None:
+        for _ in range(ticks):
+            reward.copy_(body.step(body.wheels(agent.act(body.ranges(), reward, body.time))))
+
+    return body.world, advance
+
+
+def collect(task: str, agent: str, config: Config, options: BaselinesConfig) -> Result:
+    """Run one agent through one task."""
+    world, advance = spiking_robot(config) if agent == SPIKING else agent_robot(config, agent, options)
+    marks = marks_of(config, options.samples)
+    counts: list[Tensor] = [world.touches[:, 0].cpu().clone()]
+    for before, mark in zip([0, *marks], marks, strict=False):
+        advance(mark - before)
+        counts.append(world.touches[:, 0].cpu().clone())
+    coding, described = config.body()
+    poison_from = math.inf if described.poison_from is None else described.poison_from
+    tick = coding.tick / 1000.0
+    return Result(
+        task,
+        agent,
+        np.array(marks) * tick,
+        torch.stack(counts).diff(dim=0).numpy(),
+        np.array([0, *marks[:-1]]) * tick >= poison_from,
+    )
+
+
+def csv_of(results: Sequence[Result]) -> str:
+    """All rows as CSV."""
+    text = io.StringIO()
+    rows = [result.row() for result in results]
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows([{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows])
+    return text.getvalue()
+
+
+def markdown_of(results: Sequence[Result]) -> str:
+    """All rows as a table in Markdown."""
+    lines = [
+        "| task | agent | trials x s | food, mean (SD) | poison, mean (SD) | reward, mean [95 %] | late items/s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for result in results:
+        row = result.row()
+        poison = f"{row['poison_mean']:.1f} ({row['poison_sd']:.1f})" if result.poison.any() else ""
+        lines.append(
+            f"| {row['task']} | {row['agent']} | {row['trials']} x {row['seconds']:.0f} "
+            f"| {row['food_mean']:.1f} ({row['food_sd']:.1f}) | {poison} "
+            f"| {row['reward_mean']:.1f} [{row['reward_low']:.1f}, {row['reward_high']:.1f}] "
+            f"| {row['late_rate']:.3f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def figure_of(results: Sequence[Result]) -> Figure:
+    """Collection rate over time, a panel for each task; bands are 95 % intervals of the mean over trials."""
+    tasks = list(dict.fromkeys(result.task for result in results))
+    figure = Figure(figsize=(4.2 * len(tasks), 3.6), layout="constrained")
+    panels = dict(zip(tasks, figure.subplots(1, len(tasks), squeeze=False)[0], strict=True))
+    for result in results:
+        rate = result.items / result.spans[:, None]
+        mean, trials = rate.mean(1), rate.shape[1]
+        panel, colour = panels[result.task], COLOURS[result.agent]
+        panel.plot(result.time, mean, color=colour, label=result.agent.replace("_", " "))
+        if trials > 1:
+            reach = stats.t.ppf(0.975, trials - 1) * rate.std(1, ddof=1) / math.sqrt(trials)
+            panel.fill_between(result.time, mean - reach, mean + reach, color=colour, alpha=0.2, linewidth=0)
+        if result.poison.any() and result is next(r for r in results if r.task == result.task):
+            turn = result.time[~result.poison][-1] if (~result.poison).any() else 0.0
+            panel.axvline(turn, color="black", linestyle=":", linewidth=1)
+            panel.text(turn, 1.0, " food turns to poison", transform=panel.get_xaxis_transform(), va="top")
+    for task, panel in panels.items():
+        panel.set(title=task.replace("_", " "), xlabel="time, s", ylim=(0, None), xlim=(0, None))
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[tasks[0]].set_ylabel("collection rate, items/s")
+    figure.legend(*panels[tasks[0]].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS))
+    return figure
+
+
+def save(results: Sequence[Result], folder: Path) -> None:
+    """Write baselines.csv, baselines.md, baselines.png and series.npz.
+
+    series.npz holds, for each TASK and AGENT, `TASK.AGENT.time` [T] (s) and `TASK.AGENT.items` [T, B].
+    """
+    write(folder / "baselines.csv", csv_of(results))
+    write(folder / "baselines.md", markdown_of(results))
+    picture, series = io.BytesIO(), io.BytesIO()
+    figure_of(results).savefig(picture, format="png", dpi=150)
+    write(folder / "baselines.png", picture.getvalue())
+    arrays = {f"{r.task}.{r.agent}.{key}": getattr(r, key) for r in results for key in ("time", "items")}
+    np.savez_compressed(series, **arrays)
+    write(folder / "series.npz", series.getvalue())
+
+
+def tasks_of(options: BaselinesConfig) -> dict[str, Config]:
+    """The configuration of every task, composed by the Hydra that runs.
+
+    Raises:
+        ConfigError: if there is no task or no such agent, or a value is out of bounds.
+    """
+    check_bounds(options)
+    allowed = [SPIKING, *AGENTS]
+    for name in options.agents:
+        if name not in allowed:
+            raise ConfigError("agents", name, f"must be one of {', '.join(allowed)}")
+    for key in ("tasks", "agents"):
+        if not getattr(options, key):
+            raise ConfigError(key, "empty", "at least one is needed")
+    given = {"trials": options.trials, "seconds": options.seconds, "seed": options.seed}
+    overrides = [f"{key}={value}" for key, value in given.items() if value is not None]
+    tasks: dict[str, Config] = {
+        name: plain(hydra.compose("config", overrides=[*task, *overrides])) for name, task in options.tasks.items()
+    }
+    for config in tasks.values():
+        check(config)
+        torch_device(config.device)
+    return tasks
+
+
+def job(composed: DictConfig) -> None:
+    """One Hydra job: all agents through all tasks."""
+    folder = Path(HydraConfig.get().runtime.output_dir)
+    try:
+        options: BaselinesConfig = plain(composed)
+        tasks = tasks_of(options)
+    except (ConfigError, HydraException) as error:
+        discard(folder)
+        if HydraConfig.get().mode == RunMode.RUN:
+            raise Passed(error) from error
+        raise
+    write(folder / "config.yaml", OmegaConf.to_yaml(composed, resolve=True))
+    torch.set_num_threads(1)  # an agent's operations are too small to be shared out
+    results = []
+    for task, config in tasks.items():
+        for agent in options.agents:
+            print(f"baselines  {task}  {agent}  {config.trials} trials x {config.seconds:.0f} s", file=sys.stderr)
+            results.append(collect(task, agent, config, options))
+    save(results, folder)
+    print(markdown_of(results), end="")
+    print(f"results in {folder}")

@@ -1,0 +1,61 @@
+"""The robot without its brain: what it senses, how it moves, and what that earns; for any agent."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from snnrl.body.coding import wheel_speeds
+from snnrl.body.world import TOUCHES
+from snnrl.builder import build_world
+from snnrl.configuration.schema import Config, ConfigError
+from snnrl.model.draws import Draws
+
+LEFT, STRAIGHT, RIGHT = range(3)  # the wheel choices
+
+
+class Foraging:
+    """A batch of robots in the world of `config`, in the same control ticks as the spiking robot's.
+
+    Args:
+        config: whose world, sensors, wheel speeds and tick are used; the rest is the brain's.
+        draws: owner of all positions; its trials are the batch.
+
+    Attributes:
+        touched: what each of the robot's touch sensors felt in the last tick, bool [B, T].
+        time: int64 scalar, ms.
+
+    Raises:
+        ConfigError: if the robot has no range sensor.
+    """
+
+    def __init__(self, config: Config, draws: Draws) -> None:
+        self.coding, world = config.body()
+        if not self.coding.ranges:
+            raise ConfigError("coding.ranges", "{}", "an agent needs at least one range sensor")
+        self.world = build_world(world, self.coding, draws)
+        self.felt = [TOUCHES.index(name) for name in self.coding.touches]
+        device = draws.trials.device
+        self.touched = torch.zeros(len(draws.trials), len(self.felt), dtype=torch.bool, device=device)
+        self.time = torch.zeros((), dtype=torch.int64, device=device)
+
+    def ranges(self) -> Tensor:
+        """The range sensors, left and right, float64 [B, R, 2] in [0, 1]."""
+        values = self.world.sense()
+        return torch.stack([values[name] for name in self.coding.ranges], 1)
+
+    def wheels(self, choice: Tensor) -> Tensor:
+        """Wheel speeds (cm/s), float64 [B, 2], of LEFT, STRAIGHT or RIGHT, int64 [B]."""
+        return wheel_speeds(choice - STRAIGHT, self.coding.slow, self.coding.fast)
+
+    def step(self, wheels: Tensor) -> Tensor:
+        """Move through one tick at these wheel speeds (cm/s), [B, 2].
+
+        Returns the reward, float64 [B]: +1 for each item of food taken, -1 for each of poison.
+        """
+        before = self.world.touches[:, 0].clone()
+        touched = self.world.step(wheels, self.time)
+        self.touched = torch.stack([touched[name] for name in TOUCHES], 1)[:, self.felt]
+        reward = (self.world.touches[:, 0] - before) * self.world.sign(self.time)
+        self.time += self.coding.tick
+        return reward

@@ -1,1 +1,0 @@
-"""What runs mean: criteria, comparison with the thesis, figures and the report."""

@@ -1,0 +1,423 @@
+"""What a configuration may hold: keys, types and bounds. Values live in conf/.
+
+The dataclasses serve Hydra as its schema and library users as descriptions for `snnrl.builder`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from typing import Any, get_args, get_origin, get_type_hints
+
+from omegaconf import MISSING
+
+
+class ConfigError(ValueError):
+    """One value of a configuration is wrong; the message names key, value and what is allowed."""
+
+    def __init__(self, key: str, value: object, allowed: str) -> None:
+        super().__init__(f"{key}={value}: {allowed}")
+
+
+def number(
+    default: Any = MISSING,
+    least: float | None = None,
+    most: float | None = None,
+    above: float | None = None,
+    choices: tuple[str, ...] | None = None,
+) -> Any:
+    """A field with bounds: least <= value <= most, value > above, or one of the choices."""
+    return field(default=default, metadata={"least": least, "most": most, "above": above, "choices": choices})
+
+
+def table() -> Any:
+    """A field that is a dictionary, empty unless given."""
+    return field(default_factory=dict)
+
+
+@dataclass
+class NeuronConfig:
+    """Izhikevich parameters: a, b, c + c_spread r^2, d + d_spread r^2 with r uniform in [0, 1) per neuron."""
+
+    a: float = MISSING
+    b: float = MISSING
+    c: float = MISSING
+    d: float = MISSING
+    c_spread: float = 0.0
+    d_spread: float = 0.0
+    v: float = MISSING  # initial potential, mV
+
+
+@dataclass
+class SynapseConfig:
+    """A kind of synapse: which pairs are joined, weight + spread * uniform (mV), delay (ms).
+
+    Pairs are joined either each with a `probability`, or so that every presynaptic neuron has `fan_out`
+    different targets, drawn uniformly.
+    """
+
+    probability: float | None = number(None, least=0.0, most=1.0)
+    weight: float = 0.0
+    spread: float = 0.0
+    plastic: bool = False
+    delay: int = number(1, least=1, most=1000)
+    fan_out: int | None = number(None, least=1)
+
+
+@dataclass
+class GroupConfig:
+    """A population; `current` and `noise` (half width, uniform) are its background."""
+
+    size: int = number(least=1, most=1_000_000)
+    neuron: str = MISSING
+    current: float = 0.0
+    noise: float = number(0.0, least=0.0)
+
+
+@dataclass
+class ProjectionConfig:
+    """Synapses of one kind from one group to another."""
+
+    pre: str = MISSING
+    post: str = MISSING
+    synapse: str = MISSING
+    role: str = ""
+
+
+@dataclass
+class PlasticityConfig:
+    """See `snnrl.model.synapses.Plasticity`."""
+
+    potentiation: float = number(least=0.0)
+    depression: float = number(least=0.0)
+    tau_plus: float = number(above=0.0)
+    tau_minus: float = number(above=0.0)
+    tau_eligibility: float = number(above=0.0)
+    weight_max: float = number(above=0.0)
+    simultaneous: str = number("potentiates", choices=("potentiates", "depresses"))
+
+
+@dataclass
+class DopamineConfig:
+    """See `snnrl.model.modulators.Dopamine`."""
+
+    source: str | None = MISSING
+    baseline: float = MISSING
+    tau: float = number(above=0.0)
+    release: float = MISSING
+    delay: int = number(least=1, most=1000)
+    threshold: int = number(least=0, most=2**31)
+
+
+@dataclass
+class HomeostasisConfig:
+    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles."""
+
+    sets: dict[str, list[str]] = table()
+    limit: float = number(least=0.0)
+    step: float = number(least=0.0)
+    count_absent: bool = True
+
+
+@dataclass
+class NetworkConfig:
+    """A whole network; any number of groups and projections, with or without dopamine and homeostasis."""
+
+    neurons: dict[str, NeuronConfig] = table()
+    synapses: dict[str, SynapseConfig] = table()
+    groups: dict[str, GroupConfig] = table()
+    projections: dict[str, ProjectionConfig] = table()
+    synaptic_gain: float = number(least=0.0)
+    plasticity: PlasticityConfig = field(default_factory=PlasticityConfig)
+    dopamine: DopamineConfig | None = None
+    homeostasis: HomeostasisConfig | None = None
+
+
+@dataclass
+class PairConfig:
+    """The left and the right group of a pair of range sensors, or of the motors."""
+
+    left: str = MISSING
+    right: str = MISSING
+
+
+@dataclass
+class CodingConfig:
+    """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor."""
+
+    tick: int = number(least=1, most=10_000)
+    range_mean: float = number(above=0.0, most=600.0)
+    range_gain: float = number(least=0.0)
+    touch_mean: float = number(above=0.0, most=600.0)
+    touch_gain: float = number(least=0.0)
+    exploration: float = number(above=0.0, most=600.0)
+    slow: float = number(least=0.0)
+    fast: float = number(above=0.0)
+    motors: PairConfig = field(default_factory=PairConfig)
+    ranges: dict[str, PairConfig] = table()
+    touches: dict[str, str] = table()
+
+
+@dataclass
+class SensorConfig:
+    """How far a range sensor sees (cm), and whether it measures to the border of an object or its centre."""
+
+    reach: float = number(above=0.0)
+    measured_to: str = number("border", choices=("border", "centre"))
+
+
+@dataclass
+class WorldConfig:
+    """See `snnrl.body.world.World`; lengths in cm."""
+
+    side: float = number(above=0.0)
+    free_items: int = number(least=0, most=100_000)
+    food_containers: int = number(least=0, most=100_000)
+    empty_containers: int = number(least=0, most=100_000)
+    item_radius: float = number(above=0.0)
+    container_radius: float = number(above=0.0)
+    axle: float = number(above=0.0)
+    container_speed: float = number(above=0.0)
+    ranges: dict[str, SensorConfig] = table()
+    poison_from: float | None = number(None, least=0.0, most=1e9)  # s
+    orbiting: bool = False  # robots start on an orbit round the first item
+
+
+@dataclass
+class StimuliConfig:
+    """See `snnrl.tasks.task.Stimuli`; `size` neurons of `groups` are drawn for each, times in ms."""
+
+    groups: list[str] = MISSING
+    count: int = number(least=1, most=100_000)
+    size: int = number(least=1)
+    current: float = MISSING
+    shortest: int = number(least=1, most=1_000_000)
+    longest: int = number(least=1, most=1_000_000)
+    window: int = number(least=1, most=1_000_000)
+    rewarded: int = number(least=0)
+
+
+@dataclass
+class CoincidenceConfig:
+    """See `snnrl.tasks.task.Coincidence`; a synapse of the projection is drawn, and starts at `weight` (mV)."""
+
+    projection: str = MISSING
+    window: int = number(least=1, most=1_000_000)
+    weight: float = number(least=0.0)
+
+
+@dataclass
+class RewardConfig:
+    """See `snnrl.tasks.task.Reward`; amount in uM, delays in ms."""
+
+    amount: float = MISSING
+    shortest: int = number(least=0, most=1_000_000)
+    longest: int = number(least=0, most=1_000_000)
+
+
+@dataclass
+class TaskConfig:
+    """See `snnrl.tasks.task.Task`; the network runs for `tick` ms at a time."""
+
+    tick: int = number(least=1, most=10_000)
+    reward: RewardConfig = field(default_factory=RewardConfig)
+    stimuli: StimuliConfig | None = None
+    coincidence: CoincidenceConfig | None = None
+
+
+@dataclass
+class RobotConfig:
+    """What distinguishes a robot: initial weights by role (mV), and which roles do not learn."""
+
+    name: str = MISSING
+    learning: bool = True
+    weights: dict[str, float] = table()
+    fixed: list[str] = field(default_factory=list)
+
+
+@dataclass
+class ExperimentConfig:
+    """What an experiment is called, which robots it is for, and which taxes make a trial correct.
+
+    `correct` gives each taxis its rule in `snnrl.recording.criteria`: together or each_side.
+    """
+
+    name: str = MISSING
+    robots: list[str] = MISSING
+    correct: dict[str, str] = table()
+
+
+@dataclass
+class AlarmsConfig:
+    """Thresholds of `snnrl.recording.alarms.Alarms`; null is never."""
+
+    silent: float | None = number(None, above=0.0)  # s
+    saturated: float | None = number(None, least=0.0, most=1.0)  # share of the plastic weights
+    synchronised: float | None = number(None, least=-1.0, most=1.0)  # correlation
+    synchronised_above: float = number(0.0, least=0.0)  # mV, both mean weights
+    synchronised_lead: float = number(1.0, least=0.0)  # of attraction over avoidance, with which all is well
+    synchronised_over: float = number(0.0, least=0.0)  # s that the correlation is over
+
+
+@dataclass
+class RecordConfig:
+    """What is kept of a run, all in simulated s: `every` so many from `start` on the series are sampled.
+
+    `tensorboard` says whether events are written, `histograms` and `pictures` how often those of the weights
+    and of the first trial are; 0 is never. `alarms` are checked at every sample.
+    """
+
+    every: float = number(above=0.0)
+    start: float = number(0.0, least=0.0)
+    tensorboard: bool = True
+    histograms: float = number(0.0, least=0.0)
+    pictures: float = number(0.0, least=0.0)
+    alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
+
+
+@dataclass
+class CheckpointConfig:
+    """How often (simulated s) an unfinished run is saved; 0 or null is never."""
+
+    every: float | None = number(None, least=0.0)
+
+
+@dataclass
+class Config:
+    """Everything a run is made from: a network with either coding and world (a robot) or a task."""
+
+    experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
+    robot: RobotConfig = field(default_factory=RobotConfig)
+    network: NetworkConfig = field(default_factory=NetworkConfig)
+    coding: CodingConfig | None = None
+    world: WorldConfig | None = None
+    task: TaskConfig | None = None
+    record: RecordConfig = field(default_factory=RecordConfig)
+    checkpoint: CheckpointConfig = field(default_factory=CheckpointConfig)
+    trials: int = number(least=1, most=10_000_000)
+    trial_start: int = number(0, least=0, most=2**31)
+    seconds: float = number(above=0.0, most=1e9)
+    seed: int = number(0, least=0, most=2**63 - 1)
+    engine: str = number("auto", choices=("auto", "reference", "fused"))
+    device: str = "cpu"
+    dtype: str = number("float32", choices=("float32", "float64"))
+    threads: int = number(0, least=0, most=4096)  # 0 is one per processor
+
+    def body(self) -> tuple[CodingConfig, WorldConfig]:
+        """Coding and world of a robot.
+
+        Raises:
+            ConfigError: this is a task, which has none.
+        """
+        for name in ("coding", "world"):
+            if getattr(self, name) is None:
+                raise ConfigError(name, None, "must be given where there is no task")
+        assert self.coding is not None
+        assert self.world is not None
+        return self.coding, self.world
+
+
+@dataclass
+class BraitenbergConfig:
+    """See `snnrl.agents.agents.Braitenberg`."""
+
+    exploration: float = number(least=0.0, most=1.0)
+
+
+@dataclass
+class QLearningConfig:
+    """See `snnrl.agents.agents.QLearning`."""
+
+    bins: int = number(least=1, most=100)
+    rate: float = number(above=0.0, most=1.0)
+    discount: float = number(least=0.0, most=1.0)
+    exploration: float = number(least=0.0, most=1.0)
+
+
+@dataclass
+class SarsaLambdaConfig(QLearningConfig):
+    """See `snnrl.agents.agents.SarsaLambda`."""
+
+    trace: float = number(least=0.0, most=1.0)
+
+
+@dataclass
+class BaselinesConfig:
+    """A comparison of agents: each task is what one would give to `snnrl.run`.
+
+    `trials` and `seconds` are those of each task unless given.
+    """
+
+    tasks: dict[str, list[str]] = table()
+    agents: list[str] = MISSING
+    braitenberg: BraitenbergConfig = field(default_factory=BraitenbergConfig)
+    q_learning: QLearningConfig = field(default_factory=QLearningConfig)
+    sarsa_lambda: SarsaLambdaConfig = field(default_factory=SarsaLambdaConfig)
+    trials: int | None = number(None, least=1, most=10_000_000)
+    seconds: float | None = number(None, above=0.0, most=1e9)
+    seed: int = number(0, least=0, most=2**63 - 1)
+    samples: int = number(least=1, most=1_000_000)  # points in time of each task's series
+
+
+def check_bounds(config: Any, key: str = "") -> None:
+    """Check every value of a dataclass, recursively, against the bounds of its field.
+
+    Raises:
+        ConfigError: at the first value that is missing, not finite or out of bounds, or that no field is for
+            (Hydra's + adds keys to anything).
+    """
+    known = [item.name for item in dataclasses.fields(config)]
+    for name, value in vars(config).items():
+        if name not in known:
+            raise ConfigError(f"{key}{name}", value, f"no such key; allowed here: {', '.join(known)}")
+    hints = get_type_hints(type(config))
+    for item in dataclasses.fields(config):
+        value, name = getattr(config, item.name), f"{key}{item.name}"
+        container = get_origin(hints[item.name])
+        if container in (dict, list) and not isinstance(value, container) and value != MISSING:
+            raise ConfigError(name, value, f"must be a {'table' if container is dict else 'list'}")
+        for part in (hints[item.name], *get_args(hints[item.name])):
+            if dataclasses.is_dataclass(part):
+                _check_nodes(name, value, part)
+        if dataclasses.is_dataclass(value):
+            check_bounds(value, f"{name}.")
+        elif isinstance(value, dict):
+            for part, inner in value.items():
+                if dataclasses.is_dataclass(inner):
+                    check_bounds(inner, f"{name}.{part}.")
+                else:
+                    _check(f"{name}.{part}", inner, {})
+        else:
+            _check(name, value, item.metadata)
+
+
+def _check_nodes(name: str, value: Any, kind: Any) -> None:
+    """A reference (${...}) may have put anything where a dataclass, or a dictionary of them, belongs."""
+    nodes = value if isinstance(value, dict) else {} if value is None else {"": value}
+    for part, node in nodes.items():
+        if not isinstance(node, kind):
+            allowed = ", ".join(item.name for item in dataclasses.fields(kind))
+            raise ConfigError(f"{name}.{part}".rstrip("."), node, f"must hold {allowed}")
+
+
+def _check(name: str, value: Any, bounds: Any) -> None:
+    if isinstance(value, str) and value == MISSING:
+        raise ConfigError(name, value, "a value must be given")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ConfigError(name, value, "must be a finite number")
+    if (choices := bounds.get("choices")) and value not in choices:
+        raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
+    if isinstance(value, dict):
+        raise ConfigError(name, value, "must be a single value")
+    if isinstance(value, list) and not all(isinstance(part, str) for part in value):
+        raise ConfigError(name, value, "must be a list of names")
+    if value is None or isinstance(value, (str, list)):
+        return
+    limits = [
+        (f"greater than {bounds['above']:g}", value > bounds["above"]) if bounds.get("above") is not None else None,
+        (f"at least {bounds['least']:g}", value >= bounds["least"]) if bounds.get("least") is not None else None,
+        (f"at most {bounds['most']:g}", value <= bounds["most"]) if bounds.get("most") is not None else None,
+    ]
+    if not all(limit[1] for limit in limits if limit):
+        raise ConfigError(name, value, "must be " + " and ".join(limit[0] for limit in limits if limit))

@@ -1,0 +1,3 @@
+"""The network and its mechanisms: neurons, synapses, plasticity, modulators, homeostasis, and the random numbers
+that everything is drawn from. Nothing here knows of a body, a task, an engine or a file.
+"""

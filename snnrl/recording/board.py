@@ -1,0 +1,134 @@
+"""TensorBoard: what its pages show of a run, through one writer in the run's folder. Steps are simulated s."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from tensorboard.compat.proto.summary_pb2 import Summary
+from torch.utils.tensorboard import FileWriter, summary
+
+from snnrl.files import sync
+from snnrl.model.synapses import Projection
+
+FOOD, RATE, CORRECT = "behaviour/food, items", "behaviour/collection rate, items per s", "behaviour/fraction correct"
+DOPAMINE = "dopamine/mean level, uM"
+WEIGHT, ELIGIBILITY, OF_ROLE = "weight, mV", "eligibility", "weight of role, mV"
+FIRING, ALARMS = "firing rate, Hz", "alarms, trials"
+WEIGHTS = "weights of all trials, mV"  # a tag of its own: TensorBoard takes one for one kind of data
+BINS = 60
+WITHOUT_EFFECT = ("threads", "record.", "checkpoint.")
+
+
+class Board:
+    """Writes the events of one run.
+
+    Args:
+        folder: of the run.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._writer = FileWriter(str(folder))
+
+    def begin(self, followed: Sequence[Projection], choices: Mapping[str, str | float], judged: bool) -> None:
+        """What stands at the head of a run's events: the layout of its custom scalars, and its row in HParams.
+
+        Args:
+            followed: the projections whose scalars there will be.
+            choices: the columns of the row.
+            judged: whether there will be a fraction correct.
+        """
+        if charts := layout(followed):
+            self._writer.add_summary(summary.custom_scalars(charts))
+        metrics = [FOOD, *([CORRECT] if judged else [])]
+        experiment, start, _ = summary.hparams(dict(choices), dict.fromkeys(metrics))
+        self._writer.add_summary(experiment)
+        self._writer.add_summary(start)
+
+    def scalars(self, values: Mapping[str, float], step: int) -> None:
+        """All of one moment, by their tags, in one event."""
+        found = [Summary.Value(tag=tag, simple_value=float(value)) for tag, value in values.items()]
+        self._writer.add_summary(Summary(value=found), step)
+
+    def histograms(self, projections: Iterable[Projection], weight_max: float, step: int) -> None:
+        """The weights (mV) of each projection, over all trials."""
+        for projection in projections:
+            weights = projection.weight.double().cpu().numpy()
+            weights = weights[np.isfinite(weights)]
+            if len(weights):
+                bounds = (min(0.0, weights.min()), max(weight_max, weights.max()))
+                counts, edges = np.histogram(weights, BINS, bounds)
+                self._writer.add_summary(
+                    summary.histogram_raw(
+                        f"{WEIGHTS}/{projection.name}",
+                        min=weights.min(),
+                        max=weights.max(),
+                        num=len(weights),
+                        sum=weights.sum(),
+                        sum_squares=weights.dot(weights),
+                        bucket_limits=edges[1:].tolist(),
+                        bucket_counts=counts.tolist(),
+                    ),
+                    step,
+                )
+
+    def picture(self, tag: str, pixels: np.ndarray, step: int) -> None:
+        """uint8 [height, width, 3]."""
+        self._writer.add_summary(summary.image(tag, pixels, dataformats="HWC"), step)
+
+    def note(self, tag: str, text: str, step: int) -> None:
+        self._writer.add_summary(summary.text(tag, text), step)
+
+    def flush(self) -> int:
+        """Have the disk hold all events so far; how many bytes they are.
+
+        Raises:
+            OSError: one could not be written.
+        """
+        self._writer.flush()
+        size = 0
+        for file in self.folder.glob("events.out.tfevents.*"):
+            sync(file)
+            size += file.stat().st_size
+        return size
+
+    def end(self) -> None:
+        """Say that the run is complete, and close the events."""
+        self._writer.add_summary(summary.hparams({}, {})[2])
+        self._writer.flush()  # unlike close, says so if an event could not be written
+        self._writer.close()
+
+
+def choices(overrides: Iterable[str], **always: str | float) -> dict[str, str | float]:
+    """What a command line has chosen that may change a result, by key, numbers as such; and what there always is."""
+    chosen: dict[str, str | float] = {}
+    for override in overrides:
+        key, _, text = override.lstrip("+").partition("=")
+        if not key.startswith(WITHOUT_EFFECT):
+            try:
+                chosen[key] = float(text)
+            except ValueError:
+                chosen[key] = text
+    return {**chosen, **always}
+
+
+def layout(followed: Sequence[Projection]) -> dict[str, dict[str, tuple[str, list[str]]]]:
+    """Custom scalars: a category for each taxis, with its attraction against its avoidance."""
+    roles = {projection.role for projection in followed}
+    categories = {}
+    for taxis in sorted({role.removesuffix("_attraction") for role in roles if role.endswith("_attraction")}):
+        pair = [f"{taxis}_attraction", f"{taxis}_avoidance"]
+        if not roles.issuperset(pair):
+            continue
+        charts = {f"{taxis}: attraction against avoidance, mean weight (mV)": [f"{OF_ROLE}/{role}" for role in pair]}
+        for role in pair:
+            names = [projection.name for projection in followed if projection.role == role]
+            charts[f"{role}: weight of each projection (mV)"] = [f"{WEIGHT}/{name}" for name in names]
+            charts[f"{role}: eligibility of each projection"] = [f"{ELIGIBILITY}/{name}" for name in names]
+        categories[f"{taxis} taxis"] = {
+            title: ("Multiline", [f"^{re.escape(tag)}$" for tag in tags]) for title, tags in charts.items()
+        }
+    return categories

@@ -1,0 +1,112 @@
+"""What every command shares: how it starts, how it fails in one line, and its exit status.
+
+Exit status: 0, or 2 for bad input, 1 for anything else that went wrong, 130 after SIGINT, 143 after SIGTERM.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import hydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig
+from omegaconf.errors import OmegaConfBaseException
+
+from snnrl.configuration.compose import conf_dir, guarded
+from snnrl.configuration.schema import ConfigError
+from snnrl.files import FolderError
+from snnrl.running.job import Interrupted
+
+BAD_INPUT = (ConfigError, FolderError, HydraException, OmegaConfBaseException)
+
+LONGEST = 500  # characters of an error's line
+
+
+class Passed(BaseException):
+    """Carries an exception past Hydra, which would print lines of its own about it."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(error)
+        self.error = error
+
+
+class JobFailed(Exception):
+    """A job of a sweep has failed; the message says which, why, and how to run it again."""
+
+
+FORESEEN = (*BAD_INPUT, JobFailed, Interrupted, OSError, KeyboardInterrupt)
+
+
+def discard(folder: Path) -> None:
+    """Remove the run folder that Hydra has just made, and folders above it in here, if they are empty."""
+    for empty in (folder, *folder.parents):
+        if (Path.cwd() not in empty.parents and empty != folder) or any(empty.iterdir()):
+            return
+        empty.rmdir()
+
+
+def explain(error: BaseException | None) -> str:
+    """A configuration error in one line: key, value, what is allowed."""
+    line = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in _explanation(error).strip())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST // 2]} ... {line[-LONGEST // 2 :]}"
+
+
+def _explanation(error: BaseException | None) -> str:
+    cause = error
+    while cause is not None:
+        if isinstance(cause, OmegaConfBaseException) and cause.full_key:
+            if "experiment.name" in str(cause) or cause.full_key == "experiment.name":
+                names = sorted(["baselines", *(path.stem for path in Path(conf_dir(), "experiment").glob("*.yaml"))])
+                return f"experiment: must be given as +experiment=NAME, NAME one of {', '.join(names)}"
+            text = str(cause).splitlines()[0]
+            if is_dataclass(cause.object_type) and ("not in" in text or "not a" in text):
+                allowed = ", ".join(field.name for field in fields(cause.object_type))
+                return f"{cause.full_key}: no such key; allowed here: {allowed}"
+            return f"{cause.full_key}: {text}"
+        cause = cause.__cause__
+    text, _, _ = str(error).partition("Config search path")
+    if not isinstance(error, (*BAD_INPUT, JobFailed, Interrupted)):
+        text = f"{type(error).__name__}: {text}"
+    return " ".join(text.split())
+
+
+def launch(program: str, start: Callable[[], None]) -> None:
+    """Run a command line; on an error one clear line (all of it with HYDRA_FULL_ERROR=1) and its exit status."""
+    wants_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
+    os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its errors on instead of printing them
+    threading.excepthook = _unless_foreseen
+    try:
+        start()
+    except (*FORESEEN, Passed) as caught:
+        error = caught.error if isinstance(caught, Passed) else caught
+        if wants_traceback or not isinstance(error, FORESEEN):
+            raise
+        print(f"{program}: {explain(error)}", file=sys.stderr)
+        sys.exit(status(error))
+
+
+def _unless_foreseen(raised: threading.ExceptHookArgs) -> None:
+    """Print what ended a thread, unless it is the events' writer on a full disk, which `Recorder` will hear of."""
+    if not isinstance(raised.exc_value, OSError):
+        threading.__excepthook__(raised)
+
+
+def status(error: BaseException) -> int:
+    """The exit status for an error."""
+    if isinstance(error, Interrupted):
+        return 128 + error.number
+    if isinstance(error, KeyboardInterrupt):
+        return 128 + signal.SIGINT
+    return 2 if isinstance(error, BAD_INPUT) else 1
+
+
+def hydra_job(job: Callable[[DictConfig], float | None], config: str) -> None:
+    """What a Hydra application does, with the configuration of that name."""
+    with guarded():
+        hydra.main(version_base="1.3", config_path=conf_dir(), config_name=config)(job)()

@@ -1,0 +1,292 @@
+"""Fit the free parameters to all published cells together: one set of values for every experiment.
+
+    python -m snnrl.calibrate [--points 40] [--trials 16] [--study runs/calibration.db]
+    python -m snnrl.calibrate --sensitivity    # change the values in conf/ one at a time
+    python -m snnrl.calibrate --record NOTE    # write what the study holds into the package, for the report
+
+The study is kept in the file; running the command again continues it. Seeds of the fit start at 1,000,000,
+far from those of the runs that are reported.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+import torch
+from torch import Tensor
+
+from snnrl.builder import build
+from snnrl.configuration.compose import compose
+from snnrl.engines import make_engine
+from snnrl.files import write_json
+from snnrl.recording.criteria import correct
+from snnrl.simulation import Simulation
+from snnrl.thesis.claims import escape_rule
+from snnrl.thesis.fit import CALIBRATION, FARTHEST
+from snnrl.thesis.published import published as published_cells
+
+FIRST_SEED = 1_000_000
+TELLING = (  # runs that tell a good point from a bad one in little time
+    ("food_attraction", "learning"),
+    ("secondary_behaviour", "benchmark"),
+    ("secondary_behaviour", "fixed_container_dopamine"),
+    ("secondary_behaviour", "container_dopamine_learning"),
+    ("secondary_behaviour", "no_container_dopamine"),
+)
+
+
+@dataclass(frozen=True)
+class Free:
+    """A free parameter: where it is searched, and how far the sensitivity moves it."""
+
+    low: float
+    high: float
+    step: float
+
+    def suggest(self, trial: optuna.Trial, name: str) -> float:
+        return trial.suggest_float(name, self.low, self.high)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A free choice."""
+
+    values: tuple[Any, ...]
+
+    def suggest(self, trial: optuna.Trial, name: str) -> Any:
+        return trial.suggest_categorical(name, self.values)
+
+
+CONTAINERS = "world.ranges.container.measured_to"  # exists only in worlds with containers
+FREE: Mapping[str, Free | Choice] = {
+    "coding.range_gain": Free(1.2, 2.4, 0.2),
+    "coding.touch_gain": Free(2.0, 4.5, 0.5),
+    "network.synaptic_gain": Free(2.5, 5.5, 0.4),
+    "network.dopamine.tau": Free(12.0, 40.0, 3.0),
+    "network.groups.inhibitory.current": Choice((0.0, 4.5, 6.0)),  # silent below 3.85
+    "network.groups.dopaminergic.noise": Free(0.0, 0.29, 0.1),
+    "world.ranges.food.measured_to": Choice(("border", "centre")),
+    CONTAINERS: Choice(("border", "centre")),
+    "network.homeostasis.count_absent": Choice((True, False)),
+}
+
+
+def present() -> dict[str, Any]:
+    """The free parameters as they are in conf/."""
+    config = compose("+experiment=dual_learning")
+
+    def value(name: str) -> Any:
+        found: Any = config
+        for key in name.split("."):
+            found = found[key] if isinstance(found, dict) else getattr(found, key)
+        return found
+
+    return {name: value(name) for name in FREE}
+
+
+def simulate(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> tuple[Simulation, Any]:
+    """One cell's run at its published length."""
+    options = {"trials": trials, "seed": seed, "robot": robot, **values}
+    if "container" not in compose(f"+experiment={experiment}").body()[1].ranges:
+        options.pop(CONTAINERS, None)
+    config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
+    simulation = build(config)
+    make_engine("auto", config.device).run(simulation, round(1000 * config.seconds / simulation.coding.tick))
+    return simulation, config
+
+
+def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
+    """When the learning robot leaves its orbit (s), nan where it does not, [B]."""
+    options = {"trials": trials, "seed": seed, **values}
+    options.pop(CONTAINERS, None)
+    config = compose("+experiment=orbit", *(f"{key}={value}" for key, value in options.items()))
+    simulation, engine = build(config), make_engine("auto", config.device)
+    times = torch.full((trials,), torch.nan, dtype=torch.float64)
+    coding, world = config.body()
+    limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
+    for k in range(round(1000 * config.seconds / coding.tick)):
+        engine.run(simulation, 1)
+        left = (simulation.world.nearest_item() > limit) | (simulation.world.touches[:, 0] > 0)
+        times = torch.where(left & times.isnan(), (k + 1) * coding.tick / 1000, times)
+    return times
+
+
+def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 140.0) -> Tensor:
+    """Firing of the dopaminergic neurons where there is no food to touch, without the start (Hz), [B]."""
+    options = {"trials": trials, "seed": seed, "robot": "random_walk", "world.free_items": 0, **values}
+    options.pop(CONTAINERS, None)
+    config = compose("+experiment=food_attraction", *(f"{key}={value}" for key, value in options.items()))
+    simulation, engine = build(config), make_engine("auto", config.device)
+    network, tick = simulation.network, simulation.tick_length
+    assert network.dopamine is not None
+    source = network.dopamine.source
+    assert source is not None
+    place = list(network.groups).index(source)
+    engine.run(simulation, round(2000 / tick))
+    before, start = network.spike_count[:, place].clone(), int(network.time)
+    engine.run(simulation, round(1000 * seconds / tick))
+    elapsed = (int(network.time) - start) / 1000
+    return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
+
+
+def fraction_distance(ours: Tensor, published: float, trials: int) -> float:
+    """Difference of two fractions in standard errors, each shrunk by two successes and two failures."""
+    n = len(ours)
+    p, q = (float(ours.sum()) + 2) / (n + 4), (published * trials + 2) / (trials + 4)
+    return (p - q) / math.sqrt(p * (1 - p) / (n + 4) + q * (1 - q) / (trials + 4))
+
+
+def mean_distance(ours: Tensor, published: Mapping[str, float], trials: int) -> float:
+    """Difference of two means in standard errors of the difference; an unpublished spread is taken to be ours."""
+    spread = published.get("sd", float(ours.std()))
+    variance = float(ours.var()) / len(ours) + spread**2 / trials
+    return (float(ours.mean()) - published["mean"]) / math.sqrt(variance)
+
+
+def contrast(simulation: Simulation, factor: float) -> Tensor:
+    """Whether the food container's touch excites dopamine more than `factor` times the empty one's, bool [B]."""
+    food, empty = (
+        simulation.network.projections[f"{kind}_container_touch_to_dopaminergic"].mean_weight()
+        for kind in ("food", "empty")
+    )
+    return food > factor * empty
+
+
+def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
+    """Name and signed distance of every published cell, in its units of uncertainty, the most telling ones first."""
+    published = published_cells()
+    count = published["trials"]
+    for experiment, robot in runs_of(published):
+        simulation, config = simulate(experiment, robot, values, trials, seed)
+        name = f"{experiment}/{robot}"
+        if cell := published["food"].get(experiment, {}).get(robot):
+            yield f"{name}/food", mean_distance(simulation.world.touches[:, 0].double(), cell, count)
+        if (cell := published["correct"].get(experiment, {}).get(robot)) is not None:
+            learnt = correct(simulation.network, config.experiment.correct)
+            yield f"{name}/correct", fraction_distance(learnt, cell, count)
+        if cell := published["contrast"].get(experiment, {}).get(robot):
+            clear = contrast(simulation, cell["factor"])
+            yield f"{name}/contrast", fraction_distance(clear, cell["fraction"], count)
+    rate = background_rate(values, trials, seed)
+    said = published["said"]["background_rate"]
+    yield "background rate", float(rate.mean() - said["mean"]) / said["rounding"]
+    escaped = published["escaped"]
+    times = escape_times(values, escaped["trials"], seed)
+    there = ~times.isnan()
+    yield "orbit/learning/escaped", fraction_distance(there, 1.0, escaped["trials"])
+    if there.sum() > 1:
+        yield "orbit/learning/time", mean_distance(times[there], escaped["orbit"]["learning"], escaped["trials"])
+
+
+def runs_of(published: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Experiment and robot of every run with a published cell, those of TELLING first."""
+    runs = {
+        (experiment, robot)
+        for kind in ("food", "correct", "contrast")
+        for experiment, robots in published[kind].items()
+        for robot in robots
+    }
+    return [*TELLING, *sorted(runs.difference(TELLING))]
+
+
+def loss(found: Mapping[str, float]) -> float:
+    """Root mean square distance, each limited to FARTHEST."""
+    return math.sqrt(sum(min(abs(value), FARTHEST) ** 2 for value in found.values()) / len(found))
+
+
+def search(study: optuna.Study, points: int, trials: int) -> None:
+    """Add points to the study, the values in conf/ first; one that is worse than most so far is given up early."""
+    study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True)
+    study.pruner = optuna.pruners.MedianPruner(n_startup_trials=5)
+    if not study.trials:
+        study.enqueue_trial(present())
+
+    def objective(trial: optuna.Trial) -> float:
+        values = {name: free.suggest(trial, name) for name, free in FREE.items()}
+        found: dict[str, float] = {}
+        for name, distance in measured(values, trials, FIRST_SEED + trial.number):
+            found[name] = distance
+            trial.report(loss(found), len(found))
+            if trial.should_prune():
+                raise optuna.TrialPruned
+        trial.set_user_attr("distances", found)
+        trial.set_user_attr("trials", trials)
+        return loss(found)
+
+    study.optimize(objective, n_trials=points)
+
+
+def neighbours(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Every change of one value: a step down and up, or the other choice."""
+    result: list[tuple[str, Any]] = []
+    for name, free in FREE.items():
+        if isinstance(free, Free):
+            result += [(name, round(values[name] - free.step, 6)), (name, round(values[name] + free.step, 6))]
+        else:
+            result += [(name, value) for value in free.values if value != values[name]]
+    return result
+
+
+def vary(study: optuna.Study, trials: int) -> None:
+    """Evaluate the values in conf/ and all their neighbours, on the same seed; what is there already is kept."""
+    values = present()
+    changes: list[tuple[str, Any]] = [("", None), *neighbours(values)]
+    done = {tuple(trial.user_attrs["change"]) for trial in study.get_trials() if "distances" in trial.user_attrs}
+    for change in changes:
+        if change in done:
+            continue
+        name, value = change
+        found = dict(measured({**values, **({name: value} if name else {})}, trials, FIRST_SEED - 1))
+        attributes = {"change": list(change), "distances": found, "trials": trials}
+        study.add_trial(optuna.trial.create_trial(value=loss(found), user_attrs=attributes))
+        print(f"{loss(found):.2f}  {name or 'conf/'} {'' if value is None else value}")
+
+
+def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str, Any]:
+    """What the report shows of both studies, and what there is to say of them."""
+    finished = fit.get_trials(states=[optuna.trial.TrialState.COMPLETE])
+    return {
+        "values": present(),
+        "note": note,
+        "first_seed": FIRST_SEED,
+        "given_up": len(fit.get_trials(states=[optuna.trial.TrialState.PRUNED])),
+        "trials": sorted({trial.user_attrs["trials"] for trial in finished}),
+        "history": [{"number": trial.number, "loss": trial.value, "values": trial.params} for trial in finished],
+        "sensitivity": [
+            {"loss": trial.value, **trial.user_attrs} for trial in sensitivity.get_trials() if trial.user_attrs
+        ],
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--points", type=int, default=40, help="points to add to the study")
+    parser.add_argument("--trials", type=int, default=16, help="trials a cell and point")
+    parser.add_argument("--study", type=Path, default=Path("runs/calibration.db"))
+    parser.add_argument("--sensitivity", action="store_true", help="vary the values in conf/ one at a time instead")
+    parser.add_argument(
+        "--record", metavar="NOTE", help=f"write the studies, and a note, to {CALIBRATION.name} instead"
+    )
+    arguments = parser.parse_args()
+    arguments.study.parent.mkdir(parents=True, exist_ok=True)
+    fit, sensitivity = (
+        optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)
+        for name in ("calibration", "sensitivity")
+    )
+    if arguments.record is not None:
+        write_json(CALIBRATION, record(fit, sensitivity, arguments.record))
+    elif arguments.sensitivity:
+        vary(sensitivity, arguments.trials)
+    else:
+        search(fit, arguments.points, arguments.trials)
+        print(f"best of {len(fit.trials)}: {fit.best_value:.2f}")
+        for name, value in fit.best_params.items():
+            print(f"  {name}: {value}")
+        for name, value in sorted(fit.best_trial.user_attrs["distances"].items()):
+            print(f"  {value:+6.1f}  {name}")

@@ -1,0 +1,335 @@
+"""The thesis's explanations, each as a number with an interval and a criterion fixed beforehand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+
+from snnrl.body.world.geometry import orbit
+from snnrl.model.draws import Draws, stream
+from snnrl.thesis.fit import best_region, describe, point_of, scores
+from snnrl.thesis.published import published
+from snnrl.thesis.runs import Run
+from snnrl.thesis.statistics import Sample, Share, compare_shares, interval, welch
+
+Runs = Mapping[str, Run]
+SIDES = ("left", "right")
+FIVE_ROBOTS = (
+    "learning_disabled",
+    "no_container_dopamine",
+    "container_dopamine_learning",
+    "fixed_container_dopamine",
+    "benchmark",
+)
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What the thesis says, what was measured (value and 95 % interval), and when it was to hold."""
+
+    section: str
+    statement: str
+    measured: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    criterion: str
+    holds: bool
+
+
+def taxis(run: Run, kind: str, sense: str, response: str) -> np.ndarray:
+    """`weight` or `eligibility`, mean of both sides, [T, B].
+
+    Args:
+        sense: food or container.
+        response: attraction (left sensor to right motor, right to left) or avoidance.
+    """
+    other = {"left": "right", "right": "left"}
+    ends = [(side, other[side] if response == "attraction" else side) for side in SIDES]
+    return np.mean([run.of_projection(kind, f"{s}_{sense}_to_{m}_motor") for s, m in ends], 0)
+
+
+def escape_rule(slow: float, fast: float, tick: int, axle: float) -> float:
+    """Distance from the item (cm) at which a robot has left its orbit: twice the orbit's radius."""
+    return 2 * orbit(slow, fast, tick / 1000, axle)[0]
+
+
+def escapes(run: Run) -> np.ndarray:
+    """When each robot was beyond `escape_rule` from the item or had taken it (s), nan where it never was."""
+    config = run.config
+    coding, world = config["coding"], config["world"]
+    limit = escape_rule(coding["slow"], coding["fast"], coding["tick"], world["axle"])
+    left = (run.series["nearest_item"] > limit) | (run.series["collection_rate"] > 0)
+    return _first(run.time, left)
+
+
+def first_food(run: Run) -> np.ndarray:
+    """When each trial collected its first item (s), nan where it never did."""
+    return _first(run.time, run.series["collection_rate"] > 0)
+
+
+def _first(time: np.ndarray, happened: np.ndarray) -> np.ndarray:
+    return np.where(happened.any(0), time[happened.argmax(0)], np.nan)
+
+
+def differentiation(weights: Mapping[str, np.ndarray], sense: str = "food") -> np.ndarray:
+    """How exclusively each motor neuron answers to one sensor: mean of |L - R| / (L + R) over them, [B].
+
+    L and R are its mean weights from the left and the right sensor; neurons that have almost none (L + R below
+    0.2 mV) are left out.
+    """
+    indices = []
+    for motor in SIDES:
+        left, right = (np.nanmean(weights[f"{side}_{sense}_to_{motor}_motor"], 1) for side in SIDES)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            indices.append(np.where(left + right > 0.2, np.abs(left - right) / (left + right), np.nan))
+    return np.asarray(np.nanmean(np.concatenate(indices, 1), 1))
+
+
+def shuffled(weights: Mapping[str, np.ndarray], seed: int) -> dict[str, np.ndarray]:
+    """The same weights dealt anew to the existing synapses of each projection and trial."""
+    result = {}
+    for name, values in weights.items():
+        flat = values.reshape(len(values), -1)
+        key = Draws(seed, torch.arange(len(flat))).at_start(stream("shuffle", name), flat.shape[1]).numpy()
+        there = ~np.isnan(flat)
+        dealt = np.full_like(flat, np.nan)
+        for row, (present, order) in enumerate(zip(there, key, strict=True)):
+            dealt[row, present] = flat[row, present][np.argsort(order[present])]
+        result[name] = dealt.reshape(values.shape)
+    return result
+
+
+def settled(time: np.ndarray, values: np.ndarray, part: float = 0.9) -> np.ndarray:
+    """When each column of `values` [T, B] first reached `part` of its mean over the last half, [B], s."""
+    goal = part * values[len(values) // 2 :].mean(0)
+    return _first(time, values >= goal)
+
+
+def smooth(values: np.ndarray, width: int) -> np.ndarray:
+    """Mean of the last `width` samples (fewer at the start), along the first axis."""
+    total = np.concatenate([np.zeros_like(values[:1]), values.cumsum(0, dtype=float)])
+    end = np.arange(1, len(values) + 1)
+    start = np.maximum(end - width, 0)
+    return np.asarray((total[end] - total[start]) / (end - start).reshape(-1, *[1] * (values.ndim - 1)))
+
+
+def hunger_breaks_orbits(runs: Runs) -> Claim:
+    with_, without = (
+        Share(int(np.isfinite(escapes(runs[f"orbit/{robot}"])).sum()), len(runs[f"orbit/{robot}"].series["trials"]))
+        for robot in ("learning", "positive_baseline")
+    )
+    found = compare_shares(with_, without)
+    return Claim(
+        "4.1",
+        "Hunger, the negative baseline of dopamine, is what breaks orbits.",
+        "escapes with a negative baseline less escapes with a positive one",
+        100 * found.value,
+        100 * found.low,
+        100 * found.high,
+        "% of trials",
+        "interval above 0",
+        found.low > 0,
+    )
+
+
+def _arrives(statement: str, measured: str, times: np.ndarray, said: float) -> Claim:
+    """A claim of section 4.2 about when something has happened (s)."""
+    low, high = interval(times)
+    mean = float(times.mean())
+    criterion = f"mean between half and twice the published {said:g} s"
+    return Claim("4.2", statement, measured, mean, low, high, "s", criterion, said / 2 <= mean <= 2 * said)
+
+
+def attraction_settles(runs: Runs) -> Claim:
+    run = runs["food_attraction/learning"]
+    return _arrives(
+        "Food attraction has settled after about 200 s.",
+        "time until the rate over the last 50 s reaches 90 % of the final rate",
+        settled(run.time, smooth(run.series["collection_rate"], max(1, len(run.time) // 20))),
+        published()["said"]["attraction_settled"],
+    )
+
+
+def weights_saturate(runs: Runs) -> Claim:
+    run = runs["food_attraction/learning"]
+    return _arrives(
+        "Attraction weights have risen to their maximum after about 100 s.",
+        "time until the mean attraction weight reaches 90 % of its final value",
+        settled(run.time, taxis(run, "weight", "food", "attraction")),
+        published()["said"]["weights_saturated"],
+    )
+
+
+def motor_neurons_differentiate(runs: Runs) -> Claim:
+    weights = runs["food_attraction/learning"].weights
+    excess = differentiation(weights) - differentiation(shuffled(weights, 0))
+    low, high = interval(excess)
+    return Claim(
+        "4.2",
+        "Single motor neurons come to answer to one sensor only.",
+        "differentiation index less that of the same weights dealt at random within each projection "
+        f"(index {differentiation(weights).mean():.2f})",
+        float(excess.mean()),
+        low,
+        high,
+        "",
+        "interval above 0",
+        low > 0,
+    )
+
+
+def avoidance_levels_off(runs: Runs) -> Claim:
+    with_, without = (
+        taxis(runs[f"food_attraction/{robot}"], "weight", "food", "avoidance")[-20:].mean(0)
+        for robot in ("learning", "no_hunger")
+    )
+    low, high = welch(Sample.of(with_), Sample.of(without))
+    return Claim(
+        "4.2",
+        "Avoidance weights settle at a low level because of the negative baseline.",
+        f"avoidance weight at the end with the negative baseline ({with_.mean():.2f} mV) less that with "
+        "a baseline of 0 "
+        f"({without.mean():.2f} mV)",
+        float(with_.mean() - without.mean()),
+        low,
+        high,
+        "mV",
+        "interval above 0",
+        low > 0,
+    )
+
+
+def poison_is_unlearnt(runs: Runs) -> Claim:
+    learning, walk = (runs[f"food_poison/{robot}"] for robot in ("learning", "random_walk"))
+    switch = float(learning.config["world"]["poison_from"])
+    end = switch + 0.1 * (float(learning.time[-1]) - switch)
+    rates = [run.rate(switch, end) for run in (learning, walk)]
+    low, high = welch(Sample.of(rates[0]), Sample.of(rates[1]))
+    value = float(rates[0].mean() - rates[1].mean())
+    return Claim(
+        "4.3",
+        "Attraction is unlearnt almost at once when food turns to poison: the rate falls to just "
+        "below the random walk's.",
+        f"rate in the {end - switch:.0f} s after the switch, learning ({rates[0].mean():.3f}) "
+        f"less random walk ({rates[1].mean():.3f})",
+        value,
+        low,
+        high,
+        "items/s",
+        "difference at or below 0",
+        value <= 0,
+    )
+
+
+def threshold_protects(runs: Runs) -> Claim:
+    with_, without = (
+        runs[f"secondary_stimulus/{robot}"].of_projection("weight", "empty_container_touch_to_dopaminergic")[-1]
+        for robot in ("learning", "no_burst_threshold")
+    )
+    low, high = welch(Sample.of(without), Sample.of(with_))
+    return Claim(
+        "4.4",
+        "The burst threshold is what keeps the empty container unlearnt.",
+        f"weight of the empty container's touch without the threshold ({without.mean():.3f} mV) less with it "
+        f"({with_.mean():.3f} mV)",
+        float(without.mean() - with_.mean()),
+        low,
+        high,
+        "mV",
+        "interval above 0",
+        low > 0,
+    )
+
+
+def robots_are_in_order(runs: Runs) -> Claim:
+    food = [Sample.of(runs[f"secondary_behaviour/{robot}"].trials["food"]) for robot in FIVE_ROBOTS]
+    steps = [(after.mean - before.mean, *welch(after, before)) for before, after in pairwise(food)]
+    value, low, high = min(steps)
+    return Claim(
+        "4.5",
+        "The more of the container's dopamine response a robot has, the more food it finds; the benchmark finds most.",
+        "smallest step between robots in the published order",
+        value,
+        low,
+        high,
+        "items",
+        "every step above 0",
+        value > 0,
+    )
+
+
+def failures_are_synchronised(runs: Runs) -> Claim:
+    run = runs["dual_learning/learning"]
+    attraction, avoidance = (taxis(run, "weight", "container", response) for response in ("attraction", "avoidance"))
+    late = slice(len(run.time) // 2, None)
+    together = np.array([_correlation(a, b) for a, b in zip(attraction[late].T, avoidance[late].T, strict=True)])
+    failed = run.trials["correct"] == 0
+    wrong, right = (together[group & np.isfinite(together)] for group in (failed, ~failed))
+    if min(len(wrong), len(right)) < 2:
+        value, low, high = np.nan, -np.inf, np.inf
+    else:
+        value = float(wrong.mean() - right.mean())
+        low, high = welch(Sample.of(wrong), Sample.of(right))
+    return Claim(
+        "4.5",
+        "Trials fail when the weights of attraction and avoidance have become synchronised.",
+        f"their correlation over the second half of a trial, failed ({len(wrong)} trials) less correct ({len(right)})",
+        value,
+        low,
+        high,
+        "",
+        "interval above 0",
+        low > 0,
+    )
+
+
+def optimum_is_among_the_best(runs: Runs) -> Claim:
+    found = scores(runs)
+    best, region = best_region(found)
+    optimum = published()["stdp_search"]
+    at = next(name for name in found if all(value == optimum[key] for key, value in point_of(name).items()))
+    low, high = welch(Sample.of(found[best]), Sample.of(found[at]))
+    return Claim(
+        "3.7",
+        "The parameters of STDP that collect most food are those published.",
+        f"food at the best of {len(found)} points of the grid ({describe(best)}) less food at the published point",
+        float(found[best].mean() - found[at].mean()),
+        low,
+        high,
+        "items",
+        "a one-sided Welch test (5 %) does not tell the two apart",
+        at in region,
+    )
+
+
+def _correlation(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.corrcoef(a, b)[0, 1]) if a.std() and b.std() else float("nan")
+
+
+CLAIMS: Mapping[Callable[[Runs], Claim], tuple[str, ...]] = {
+    hunger_breaks_orbits: ("orbit/learning", "orbit/positive_baseline"),
+    attraction_settles: ("food_attraction/learning",),
+    weights_saturate: ("food_attraction/learning",),
+    motor_neurons_differentiate: ("food_attraction/learning",),
+    avoidance_levels_off: ("food_attraction/learning", "food_attraction/no_hunger"),
+    poison_is_unlearnt: ("food_poison/learning", "food_poison/random_walk"),
+    threshold_protects: ("secondary_stimulus/learning", "secondary_stimulus/no_burst_threshold"),
+    robots_are_in_order: tuple(f"secondary_behaviour/{robot}" for robot in FIVE_ROBOTS),
+    optimum_is_among_the_best: ("stdp_search",),
+    failures_are_synchronised: ("dual_learning/learning",),
+}
+
+
+def claims(runs: Runs) -> list[Claim]:
+    """All whose runs are there."""
+    return [
+        claim(runs)
+        for claim, needed in CLAIMS.items()
+        if all(name in runs or any(run.startswith(f"{name}/") for run in runs) for name in needed)
+    ]

@@ -1,0 +1,96 @@
+"""Every published cell beside ours."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from snnrl.thesis.claims import escapes
+from snnrl.thesis.published import published
+from snnrl.thesis.runs import Run
+from snnrl.thesis.statistics import Difference, Sample, Share, compare_means, compare_shares
+
+Value = Sample | Share
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One published number and ours."""
+
+    experiment: str
+    robot: str
+    quantity: str
+    unit: str
+    published: Value
+    ours: Value
+    difference: Difference
+
+    @property
+    def verdict(self) -> str:
+        return "equivalent" if self.difference.equivalent else "differs"
+
+    def to_json(self) -> dict[str, Any]:
+        d = self.difference
+        return {
+            "experiment": self.experiment,
+            "robot": self.robot,
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "published": vars(self.published),
+            "ours": vars(self.ours),
+            "difference": finite(d.value),
+            "interval": [finite(d.low), finite(d.high)],
+            "effect_size": finite(d.effect),
+            "verdict": self.verdict,
+        }
+
+
+def finite(value: float) -> float | None:
+    """The value, or None for what JSON cannot hold."""
+    return float(value) if np.isfinite(value) else None
+
+
+def contrast(run: Run, factor: float) -> np.ndarray:
+    """Trials whose food container's touch excites dopamine more than `factor` times the empty one's, bool [B]."""
+    food, empty = (run.trials[f"{kind}_container_touch_to_dopaminergic"] for kind in ("food", "empty"))
+    return np.asarray(food > factor * empty)
+
+
+def compare(runs: Mapping[str, Run]) -> list[Cell]:
+    """All published cells whose runs are there, by experiment and robot."""
+    return [cell for name, run in runs.items() for cell in _cells(name, run)]
+
+
+def _cells(name: str, run: Run) -> Iterator[Cell]:
+    experiment, _, robot = name.partition("/")
+    theirs = published()
+    trials = theirs["trials"]
+
+    def found(kind: str) -> Any:
+        return theirs[kind].get(experiment, {}).get(robot)
+
+    def means(quantity: str, unit: str, values: np.ndarray, value: Sample) -> Cell:
+        ours = Sample.of(values)
+        return Cell(experiment, robot, quantity, unit, value, ours, compare_means(ours, value))
+
+    def shares(quantity: str, hits: np.ndarray, fraction: float, n: int) -> Cell:
+        ours, value = Share(int(np.sum(hits)), len(hits)), Share(round(fraction * n), n)
+        return Cell(experiment, robot, quantity, "of trials", value, ours, compare_shares(ours, value))
+
+    if (value := found("food")) is not None:
+        yield means("food", "items", run.trials["food"], Sample(value["mean"], value["sd"], trials))
+    if (value := found("correct")) is not None:
+        yield shares("learnt", run.trials["correct"] == 1, value, trials)
+    if (value := found("contrast")) is not None:
+        quantity = f"food container's touch over {value['factor']:g} x the empty one's"
+        yield shares(quantity, contrast(run, value["factor"]), value["fraction"], trials)
+    if (value := found("escaped")) is not None:
+        times = escapes(run)
+        yield shares("escaped", np.isfinite(times), value["fraction"], theirs["escaped"]["trials"])
+        if "mean" in value and np.isfinite(times).any():
+            yield means(
+                "escape time", "s", times[np.isfinite(times)], Sample(value["mean"], None, theirs["escaped"]["trials"])
+            )

@@ -1,0 +1,674 @@
+"""The thesis's figures, redrawn from our runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from snnrl.builder import build
+from snnrl.configuration.compose import compose
+from snnrl.configuration.schema import Config
+from snnrl.drawing import style
+from snnrl.drawing.pictures import draw_world
+from snnrl.drawing.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, ROBOTS, band, figure, mark
+from snnrl.engines import make_engine
+from snnrl.recording.criteria import LEAD, STRENGTH
+from snnrl.thesis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, smooth, taxis
+from snnrl.thesis.fit import heat_maps, history, sensitivity
+from snnrl.thesis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
+from snnrl.thesis.published import published
+from snnrl.thesis.runs import Run
+
+RATE = "collection rate (items/s)"
+WEIGHT = "mean weight (mV)"
+ELIGIBILITY = "mean eligibility"
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A figure: the thesis's section, what it shows, which runs it is drawn from, and how."""
+
+    name: str
+    section: str
+    caption: str
+    needs: tuple[str, ...]
+    draw: Callable[[Runs], Figure | None]
+
+
+def rates(runs: Runs, experiment: str, robots: tuple[str, ...], bins: int = 100) -> Figure:
+    """Collection rate over time of several robots, smoothed over 1/`bins` of the time."""
+    drawn, axis = figure(height=3.4)
+    for robot in robots:
+        run = runs[f"{experiment}/{robot}"]
+        width = max(1, len(run.time) // bins)
+        values = smooth(run.series["collection_rate"], width)[width - 1 :: width]
+        band(axis, run.time[width - 1 :: width], values, ROBOTS[robot], style.robot_name(robot))
+    axis.set(xlabel="time (s)", ylabel=RATE, xlim=(0, run.time[-1]), ylim=(0, None))
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=3)
+    return drawn
+
+
+def food_rates(runs: Runs) -> Figure:
+    drawn = rates(runs, "food_attraction", ("random_walk", "learning"))
+    mark(drawn.axes[0], published()["said"]["attraction_settled"], "published: settled", vertical=True)
+    return drawn
+
+
+def poison_rates(runs: Runs) -> Figure:
+    drawn = rates(runs, "food_poison", ("random_walk", "learning"), 200)
+    mark(drawn.axes[0], switch(runs["food_poison/learning"]), "food turns to poison", vertical=True)
+    return drawn
+
+
+def robots_rates(runs: Runs) -> Figure:
+    return rates(runs, "secondary_behaviour", FIVE_ROBOTS, 40)
+
+
+def dual_rates(runs: Runs) -> Figure:
+    return rates(runs, "dual_learning", ("random_walk", "learning", "benchmark"), 50)
+
+
+def switch(run: Run) -> float:
+    return float(run.config["world"]["poison_from"])
+
+
+def food_totals(runs: Runs) -> Figure:
+    """Food of each of the five robots as points, means with intervals, beside the published means and SDs."""
+    drawn, axis = figure(height=3.4)
+    theirs = published()["food"]["secondary_behaviour"]
+    for k, robot in enumerate(FIVE_ROBOTS):
+        food = runs[f"secondary_behaviour/{robot}"].trials["food"]
+        spread = 0.18 * (np.arange(len(food)) / max(len(food) - 1, 1) - 0.5)
+        axis.plot(k - 0.15 + spread, food, ".", color=ROBOTS[robot], alpha=0.45, markersize=4)
+        axis.errorbar(k + 0.02, food.mean(), food.std(), fmt="o", color=ROBOTS[robot], capsize=3)
+        value = theirs[robot]
+        label = "published mean and SD" if k == 0 else None
+        axis.errorbar(
+            k + 0.22, value["mean"], value["sd"], fmt="D", color="#333333", mfc="white", capsize=3, label=label
+        )
+    axis.set_xticks(range(5), [style.robot_name(robot).replace(" ", "\n") for robot in FIVE_ROBOTS])
+    axis.set(ylabel="items in a trial", ylim=(0, None))
+    axis.legend(loc="upper left")
+    return drawn
+
+
+def taxis_weights(runs: Runs, name: str, sense: str, axis: Axes) -> None:
+    """Mean weights over trials, of each sensor to each motor."""
+    run = runs[name]
+    other = {"left": "right", "right": "left"}
+    for side, line in zip(SIDES, ("-", "--"), strict=True):
+        for motor, colour in ((other[side], ATTRACTION), (side, AVOIDANCE)):
+            values = run.of_projection("weight", f"{side}_{sense}_to_{motor}_motor")
+            band(axis, run.time, values, colour, f"{side} {sense} to {motor} motor", linestyle=line)
+    axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(0, run.time[-1]), ylim=(0, 3.6))
+    mark(axis, largest_mean(run, "taxis"), "largest possible mean")
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, fontsize=7)
+
+
+def largest_mean(run: Run, synapse: str) -> float:
+    """Mean weight over all pairs if every synapse of that kind had its largest weight, mV."""
+    network = run.config["network"]
+    return float(network["synapses"][synapse]["probability"] * network["plasticity"]["weight_max"])
+
+
+def food_weights(runs: Runs) -> Figure:
+    drawn, axis = figure()
+    taxis_weights(runs, "food_attraction/learning", "food", axis)
+    return drawn
+
+
+def fixed_weights(runs: Runs) -> Figure:
+    drawn, axis = figure()
+    taxis_weights(runs, "secondary_behaviour/fixed_container_dopamine", "container", axis)
+    return drawn
+
+
+def dual_weights(runs: Runs) -> Figure:
+    drawn, axes = figure(3, 1, height=7.5, sharex=True)
+    for axis, sense in zip(axes, ("food", "container"), strict=False):
+        taxis_weights(runs, "dual_learning/learning", sense, axis)
+        axis.set(xlabel="")
+    touch_weights(axes[2], runs["dual_learning/learning"], ("food_container",))
+    return drawn
+
+
+def touch_weights(axis: Axes, run: Run, touches: tuple[str, ...]) -> None:
+    colours = {"food_container": FOOD, "empty_container": OTHER}
+    for touch in touches:
+        values = run.of_projection("weight", f"{touch}_touch_to_dopaminergic")
+        band(axis, run.time, values, colours[touch], touch.replace("_", " "))
+    axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(0, run.time[-1]), ylim=(0, 0.46))
+    mark(axis, largest_mean(run, "anticipation"), "largest possible mean")
+    axis.legend(loc="center right")
+
+
+def container_touch_weights(runs: Runs) -> Figure:
+    drawn, axis = figure()
+    touch_weights(axis, runs["secondary_behaviour/container_dopamine_learning"], ("food_container",))
+    return drawn
+
+
+def stimulus_weights(runs: Runs) -> Figure:
+    drawn, axes = figure(1, 2, sharey=True)
+    for axis, robot in zip(axes, ("learning", "no_burst_threshold"), strict=True):
+        touch_weights(axis, runs[f"secondary_stimulus/{robot}"], ("food_container", "empty_container"))
+        axis.set(title="burst threshold" if robot == "learning" else "no burst threshold")
+    axes[1].set(ylabel="")
+    return drawn
+
+
+def orbit_distance(runs: Runs) -> Figure:
+    drawn, axis = figure()
+    for robot in ("learning_disabled", "positive_baseline", "learning"):
+        run = runs[f"orbit/{robot}"]
+        axis.plot(run.time, run.series["nearest_item"][:, 0], color=ROBOTS[robot], label=style.robot_name(robot))
+    run = runs["orbit/learning"]
+    for time in run.time[run.series["collection_rate"][:, 0] > 0]:
+        axis.axvline(time, color=FOOD, linewidth=1.0)
+    mark(axis, published()["escaped"]["orbit"]["learning"]["mean"], "published mean escape", vertical=True)
+    escape = escapes(run)
+    axis.plot(escape[np.isfinite(escape)], np.full(np.isfinite(escape).sum(), 0.5), "|", color=ROBOTS["learning"], ms=9)
+    axis.set(xlabel="time (s)", ylabel="distance to the item (cm)", xlim=(0, min(20, run.time[-1])), ylim=(0, None))
+    axis.legend(loc="upper right")
+    return drawn
+
+
+def one_side(
+    axis: Axes, run: Run, trial: int = 0, kind: str = "weight", sense: str = "food", side: str = "left"
+) -> None:
+    """From the sensor of one side to both motors in one trial."""
+    other = {"left": "right", "right": "left"}[side]
+    for motor, colour, name in ((other, ATTRACTION, "attraction"), (side, AVOIDANCE, "avoidance")):
+        values = run.of_projection(kind, f"{side}_{sense}_to_{motor}_motor")[:, trial]
+        axis.plot(run.time, values, color=colour, label=f"{side} {sense} to {motor} motor ({name})")
+    axis.set(xlim=(run.time[0], run.time[-1]), xlabel="time (s)", ylabel=WEIGHT if kind == "weight" else ELIGIBILITY)
+
+
+def orbit_weights(runs: Runs) -> Figure:
+    drawn, axes = figure(1, 2, sharey=True)
+    for axis, robot in zip(axes, ("learning", "positive_baseline"), strict=True):
+        run = runs[f"orbit/{robot}"]
+        one_side(axis, run)
+        axis.plot(
+            run.time,
+            run.of_projection("weight", "right_food_to_left_motor")[:, 0],
+            "--",
+            color=ATTRACTION,
+            label="right food to left motor",
+        )
+        for time in run.time[run.series["collection_rate"][:, 0] > 0]:
+            axis.axvline(time, color=FOOD, linewidth=0.8)
+        axis.set(title=style.robot_name(robot), ylim=(0, 3.9))
+    axes[0].legend(loc="center right", fontsize=6.5)
+    axes[1].set(ylabel="")
+    return drawn
+
+
+def orbit_firing(runs: Runs) -> Figure:
+    run = runs["orbit/learning"]
+    drawn, axes = figure(2, 1, height=4.2, sharex=True)
+    for axis, kind in zip(axes, ("food", "motor"), strict=True):
+        for side, colour in zip(SIDES, ("#332288", "#CC6677"), strict=True):
+            values = smooth(run.firing_rate(f"{side}_{kind}"), 7)[:, 0]
+            axis.plot(run.time, values, color=colour, label=f"{side} {kind}")
+        mark(axis, float(escapes(run)[0]), "leaves its orbit", vertical=True)
+        axis.set(ylabel="firing rate (Hz)", ylim=(0, None))
+        axis.legend(loc="upper right")
+    axes[1].set(xlabel="time (s)", xlim=(0, min(20, run.time[-1])))
+    return drawn
+
+
+def first_eligibility(runs: Runs) -> Figure:
+    run = runs["first_30_s"]
+    drawn, axis = figure()
+    one_side(axis, run, kind="eligibility")
+    for k, time in enumerate(run.time[run.series["collection_rate"][:, 0] > 0]):
+        axis.axvline(time, color=FOOD, linewidth=1.0, label="food" if k == 0 else None)
+    axis.legend(loc="lower left", ncols=3)
+    return drawn
+
+
+def single_trial(runs: Runs) -> Figure:
+    run = runs["first_500_s"]
+    drawn, axes = figure(2, 1, height=4.6, sharex=True)
+    width = max(1, len(run.time) // 100)
+    for motor, colour, name in (("right", ATTRACTION, "attraction"), ("left", AVOIDANCE, "avoidance")):
+        values = run.of_projection("eligibility", f"left_food_to_{motor}_motor")[:, 0]
+        axes[0].plot(run.time, values, color=colour, alpha=0.2, linewidth=0.6)
+        axes[0].plot(run.time, smooth(values, width), color=colour, label=f"{name}, mean of 5 s")
+    axes[0].set(ylabel=ELIGIBILITY)
+    axes[0].legend(loc="upper right", ncols=2)
+    one_side(axes[1], run)
+    axes[1].legend(loc="center right")
+    mark(axes[1], published()["said"]["attraction_settled"], "published: settled", vertical=True)
+    return drawn
+
+
+def weight_matrix(runs: Runs) -> Figure:
+    weights = runs["food_attraction/learning"].weights
+    rows = [[weights[f"{side}_food_to_{motor}_motor"][0].T for side in SIDES] for motor in SIDES]
+    matrix = np.block(rows)  # motors down, sensors across
+    drawn, axis = figure(width=5.6, height=5.2)
+    axis.grid(False)
+    axis.set_facecolor("#f7e6d0")
+    edges = np.arange(matrix.shape[0] + 1) + 0.5
+    image = axis.pcolormesh(edges, edges + 40, matrix, cmap="Greys", vmin=0, vmax=4)
+    axis.axvline(20.5, color="#0072B2", linewidth=1)
+    axis.axhline(60.5, color="#0072B2", linewidth=1)
+    axis.set(
+        xlabel="sensor neuron: left 1-20, right 21-40",
+        ylabel="motor neuron: left 41-60, right 61-80",
+        aspect="equal",
+    )
+    axis.invert_yaxis()
+    drawn.colorbar(image, label="weight (mV); tinted: no synapse", shrink=0.8)
+    return drawn
+
+
+def poison_eligibility(runs: Runs) -> Figure:
+    run = runs["poison_switch"]
+    drawn, axis = figure()
+    one_side(axis, run, kind="eligibility")
+    for time in run.time[1:][run.series["collection_rate"][1:, 0] > 0]:
+        poison = time > switch(run)
+        axis.axvline(time, color=POISON if poison else FOOD, linewidth=0.9, linestyle=":" if poison else "-")
+    axis.plot([], [], color=FOOD, label="food taken")
+    axis.plot([], [], color=POISON, linestyle=":", label="poison taken")
+    axis.set(xlim=(run.time[1], run.time[-1]))
+    mark(axis, switch(run), "food turns to poison", vertical=True)
+    axis.legend(loc="lower right", ncols=2)
+    return drawn
+
+
+def poison_weights(runs: Runs) -> Figure:
+    run = runs["food_poison/learning"]
+    drawn, axes = figure(1, 2)
+    for axis, close in zip(axes, (False, True), strict=True):
+        for response, colour in (("attraction", ATTRACTION), ("avoidance", AVOIDANCE)):
+            band(axis, run.time, taxis(run, "weight", "food", response), colour, response)
+        axis.set(xlabel="time (s)", ylabel=WEIGHT, ylim=(0, 3.6), xlim=(0, run.time[-1]))
+        if close:
+            late = run.time > switch(run) + 0.1 * (run.time[-1] - switch(run))
+            top = max(float(taxis(run, "weight", "food", r)[late].mean(1).max()) for r in ("attraction", "avoidance"))
+            axis.set(title="close-up", xlim=(switch(run), run.time[-1]), ylim=(0, 2.5 * top), ylabel="")
+        else:
+            mark(axis, switch(run), "poison", vertical=True)
+            axis.set(title="mean over trials")
+    axes[0].legend(loc="lower right")
+    return drawn
+
+
+def lead(run: Run, side: str, trial: int) -> float:
+    """By how much (mV) a side's container attraction exceeds what counts as learnt, at the end of a trial."""
+    other = {"left": "right", "right": "left"}[side]
+    attraction, avoidance = (
+        float(run.of_projection("weight", f"{side}_container_to_{motor}_motor")[-1, trial]) for motor in (other, side)
+    )
+    return min(attraction - STRENGTH, attraction - LEAD * avoidance)
+
+
+def failing_trial(runs: Runs) -> Figure | None:
+    """The first trial that did not learn to be attracted, of fixed container dopamine or else of dual learning."""
+    for name in ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"):
+        failed = np.flatnonzero(runs[name].trials["correct"] == 0)
+        if len(failed):
+            trial = int(failed[0])
+            side = min(SIDES, key=lambda side: lead(runs[name], side, trial))
+            drawn, axis = figure()
+            one_side(axis, runs[name], trial, sense="container", side=side)
+            axis.set(title=f"{style.robot_name(runs[name].robot)}, trial {failed[0]}", ylim=(0, 3.6))
+            mark(axis, STRENGTH, "attraction must exceed")
+            axis.legend(loc="upper left")
+            return drawn
+    return None
+
+
+def dampening(runs: Runs) -> Figure | None:
+    """Food taxis weights while their mean is at the limit."""
+    if "dampening" not in runs:
+        return None
+    run = runs["dampening"]
+    drawn, axis = figure()
+    weights = {response: taxis(run, "weight", "container", response)[1:, 0] for response in ("attraction", "avoidance")}
+    time = run.time[1:]
+    axis.plot(time, weights["attraction"], color=ATTRACTION, label="attraction")
+    axis.plot(time, weights["avoidance"], color=AVOIDANCE, label="avoidance")
+    axis.plot(time, 0.5 * sum(weights.values()), color=OTHER, linewidth=1.0, label="mean of the set")
+    axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(time[0], time[-1]))
+    axis.legend(loc="center right")
+    return drawn
+
+
+def window(_: Runs) -> Figure:
+    drawn, axes = figure(1, 2, height=2.8)
+    config = compose("+experiment=food_attraction", "trials=1")
+    times, change = stdp_window(config)
+    for part, colour in ((times >= 0, ATTRACTION), (times < 0, AVOIDANCE)):
+        axes[0].plot(times[part], change[part], color=colour)
+    axes[0].set(xlabel=r"$t_{post} - t_{pre}$ (ms)", ylabel="change of eligibility", title="STDP window")
+    eligibility = pair_eligibility(config)
+    axes[1].plot(np.arange(len(eligibility)) / 1000, eligibility, color=ATTRACTION)
+    axes[1].set(xlabel="time (s)", ylabel="eligibility", title="after one pair, 2 ms apart", ylim=(0, None))
+    return drawn
+
+
+def encoding(_: Runs) -> Figure:
+    values, raster = sensor_encoding(compose("+experiment=food_attraction", "robot=random_walk", "trials=1"))
+    drawn, axes = figure(2, 1, height=3.6, sharex=True, height_ratios=(1, 3))
+    time = np.arange(len(values)) / 1000
+    axes[0].plot(time, values, color=OTHER)
+    axes[0].set(ylabel="sensor value")
+    rows, neurons = raster.nonzero()
+    axes[1].plot(time[rows], neurons + 1, "|", color="#332288", ms=4, mew=0.8)
+    axes[1].set(xlabel="time (s)", ylabel="left food neuron", ylim=(0, raster.shape[1] + 1), xlim=(0, time[-1]))
+    return drawn
+
+
+def unrolled(run: Run, trial: int = 0) -> np.ndarray:
+    """The robot's path without the jumps of the torus, [T, 2], cm."""
+    side = run.config["world"]["side"]
+    position = run.series["position"][:, trial].astype(float)
+    step = np.diff(position, axis=0, prepend=position[:1])
+    return np.asarray(position[0] + (step - side * np.round(step / side)).cumsum(0))
+
+
+def walk_path(runs: Runs) -> Figure:
+    path = unrolled(runs["random_walk_path"])
+    drawn, axis = figure(width=4.6, height=4.2)
+    axis.plot(*path.T, color=ROBOTS["random_walk"], linewidth=1.0)
+    axis.plot(*path[0], "o", color="#332288", label="start")
+    axis.plot(*path[-1], "s", color="#CC6677", label="after 30 s")
+    axis.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal")
+    axis.legend()
+    return drawn
+
+
+def orbit_path(runs: Runs) -> Figure:
+    drawn, axes = figure(1, 2, width=6.4, height=3.6)
+    for axis, robot in zip(axes, ("learning_disabled", "learning"), strict=True):
+        run = runs[f"orbit/{robot}"]
+        seconds = 10.0 if robot == "learning" else 3.0
+        path = unrolled(run)[run.time <= seconds]
+        axis.plot(*path.T, ".-", color=ROBOTS[robot], ms=3, linewidth=0.7)
+        centre = path[:14].mean(0)  # a whole round of the orbit
+        axis.add_patch(Circle((centre[0], centre[1]), run.config["world"]["item_radius"], color=FOOD))
+        axis.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal", title=f"{style.robot_name(robot)}, {seconds:g} s")
+    return drawn
+
+
+def environments(_: Runs) -> Figure:
+    drawn, axes = figure(1, 3, width=7.2, height=2.8)
+    titles = {
+        "food_attraction": "food",
+        "secondary_behaviour": "food containers",
+        "secondary_stimulus": "and empty ones",
+    }
+    for axis, (experiment, title) in zip(axes, titles.items(), strict=True):
+        draw_world(axis, build(compose(f"+experiment={experiment}", "trials=1")).world)
+        axis.set(title=title)
+    axes[0].set(ylabel="y (cm)")
+    return drawn
+
+
+def draw_coincidence(found: Coincidence | None, before: int) -> Figure | None:
+    """Spikes, eligibility, dopamine and weight of one synapse."""
+    if found is None:
+        return None
+    drawn, axes = figure(4, 1, height=5.4, sharex=True, height_ratios=(1, 2, 2, 2))
+    time = (found.start + np.arange(len(found.pre))) / 1000
+    for row, (spikes, colour) in enumerate(((found.post, "#CC6677"), (found.pre, "#332288"))):
+        axes[0].plot(time[spikes > 0], np.full(int(spikes.sum()), row), "|", color=colour, ms=12, mew=1.6)
+    axes[0].set(yticks=(0, 1), yticklabels=("dopaminergic", "touch"), ylim=(-0.6, 1.6))
+    for axis, values, label in (
+        (axes[1], found.eligibility, "eligibility"),
+        (axes[2], found.dopamine, "dopamine (uM)"),
+        (axes[3], found.weight, "weight (mV)"),
+    ):
+        axis.plot(time, values, color=OTHER)
+        axis.set(ylabel=label)
+    for axis in axes:
+        for at in found.food:
+            axis.axvline(time[at], color=FOOD, linewidth=1.0)
+    axes[3].set(xlabel="time (s); food taken: green line", xlim=(time[0], time[-1]))
+    return drawn
+
+
+def chance(robot: str, touch: str, rewarded: bool) -> Callable[[Runs], Figure | None]:
+    """Draws the first chance coincidence in the first trial of secondary_stimulus."""
+
+    def draw(_: Runs) -> Figure | None:
+        config: Config = compose("+experiment=secondary_stimulus", f"robot={robot}", "trials=1", "seconds=300")
+        with torch.no_grad():
+            found = coincidence(config, make_engine("auto", config.device), touch, rewarded, 500, 2000)
+        return draw_coincidence(found, 500)
+
+    return draw
+
+
+ORBIT = tuple(f"orbit/{robot}" for robot in ("learning_disabled", "learning", "positive_baseline"))
+FIVE = tuple(f"secondary_behaviour/{robot}" for robot in FIVE_ROBOTS)
+DUAL = tuple(f"dual_learning/{robot}" for robot in ("random_walk", "learning", "benchmark"))
+STIMULUS = ("secondary_stimulus/learning", "secondary_stimulus/no_burst_threshold")
+
+DRAWINGS = (
+    Drawing(
+        "environments",
+        "3.1",
+        "The three worlds at the start of trial 0: item discs, containers, robot.",
+        (),
+        environments,
+    ),
+    Drawing(
+        "sensor_encoding",
+        "3.5",
+        "Spikes of 20 sensor neurons as the sensor's value rises from 0 to 1, one pulse every 70 ms.",
+        (),
+        encoding,
+    ),
+    Drawing(
+        "stdp_window",
+        "3.7",
+        "The STDP window, and the eligibility of one synapse after one pair of spikes.",
+        (),
+        window,
+    ),
+    Drawing(
+        "coincidence_food",
+        "3.8",
+        "How the food container's touch comes to release dopamine: a chance pair of spikes is still "
+        "eligible when food is taken.",
+        ("secondary_stimulus/learning",),
+        chance("learning", "food_container", True),
+    ),
+    Drawing(
+        "dampening",
+        "3.9",
+        "Homeostasis makes attraction and avoidance compete: every time the set's mean reaches its "
+        "limit all its weights fall by 0.1 mV.",
+        ("secondary_behaviour/fixed_container_dopamine",),
+        dampening,
+    ),
+    Drawing(
+        "stdp_search",
+        "3.7",
+        "Food collected over two planes of STDP's parameters through the values used (centre); dots: "
+        "not worse than the best (one-sided Welch test, 5 %).",
+        ("stdp_search",),
+        heat_maps,
+    ),
+    Drawing(
+        "random_walk",
+        "3.11",
+        "The path of a robot that senses nothing, for 30 s, unrolled from the torus.",
+        ("random_walk_path",),
+        walk_path,
+    ),
+    Drawing(
+        "orbit_path",
+        "4.1",
+        "A robot attracted with full weights orbits the item (left, not learning); hunger gets it off"
+        " (right). A dot every 70 ms.",
+        ORBIT,
+        orbit_path,
+    ),
+    Drawing(
+        "orbit_distance",
+        "4.1",
+        "Distance to the item in trial 0 of each robot; green: the learning robot takes food. Ticks "
+        "at the bottom: escapes of all its trials.",
+        ORBIT,
+        orbit_distance,
+    ),
+    Drawing(
+        "orbit_weights",
+        "4.1",
+        "Weights of trial 0 in orbit. Under hunger the active pathway weakens and the inactive one of"
+        " the same sensor rises; with a positive baseline the orbit is reinforced.",
+        ORBIT,
+        orbit_weights,
+    ),
+    Drawing(
+        "orbit_firing",
+        "4.1",
+        "Firing rates in trial 0 (mean of 0.5 s): the left motor catches up with the right one until the robot leaves.",
+        ORBIT,
+        orbit_firing,
+    ),
+    Drawing(
+        "food_rates",
+        "4.2",
+        "Food collected per s, mean over trials with its 95 % interval and, paler, the standard deviation over trials.",
+        ("food_attraction/learning", "food_attraction/random_walk"),
+        food_rates,
+    ),
+    Drawing(
+        "food_weights",
+        "4.2",
+        "Mean weights over trials in food attraction; areas as above.",
+        ("food_attraction/learning",),
+        food_weights,
+    ),
+    Drawing(
+        "first_eligibility",
+        "4.2",
+        "Mean eligibility of the left sensor's synapses in the first 30 s of trial 0.",
+        ("first_30_s",),
+        first_eligibility,
+    ),
+    Drawing(
+        "single_trial",
+        "4.2",
+        "Eligibility and weights of the left sensor's synapses in the first 500 s of trial 0.",
+        ("first_500_s",),
+        single_trial,
+    ),
+    Drawing(
+        "weight_matrix",
+        "4.2",
+        "Weights at the end of trial 0. Rows that are dark on one side only are motor neurons that "
+        "answer to one sensor only.",
+        ("food_attraction/learning",),
+        weight_matrix,
+    ),
+    Drawing(
+        "poison_rates",
+        "4.3",
+        "Items collected per s; they are poison from 1000 s on.",
+        ("food_poison/learning", "food_poison/random_walk"),
+        poison_rates,
+    ),
+    Drawing(
+        "poison_eligibility",
+        "4.3",
+        "Mean eligibility of the left sensor's synapses in trial 0 around the switch.",
+        ("poison_switch",),
+        poison_eligibility,
+    ),
+    Drawing(
+        "poison_weights",
+        "4.3",
+        "Mean weights over trials before and after the switch, and a close-up of what remains.",
+        ("food_poison/learning",),
+        poison_weights,
+    ),
+    Drawing(
+        "stimulus_weights",
+        "4.4",
+        "The touch of the food container comes to excite dopaminergic neurons, that of the empty one "
+        "does not, thanks to the burst threshold.",
+        STIMULUS,
+        stimulus_weights,
+    ),
+    Drawing(
+        "coincidence_empty",
+        "4.4",
+        "Without the threshold a chance pair at an empty container releases dopamine itself and "
+        "strengthens its own synapse.",
+        ("secondary_stimulus/no_burst_threshold",),
+        chance("no_burst_threshold", "empty_container", False),
+    ),
+    Drawing("robots_rates", "4.5", "Food collected per s by the five robots.", FIVE, robots_rates),
+    Drawing(
+        "robots_totals",
+        "4.5",
+        "Food of each trial, mean and standard deviation, beside the published ones.",
+        FIVE,
+        food_totals,
+    ),
+    Drawing(
+        "container_touch",
+        "4.5",
+        "Weights from the food container's touch to dopaminergic neurons in the robot that learns them.",
+        ("secondary_behaviour/container_dopamine_learning",),
+        container_touch_weights,
+    ),
+    Drawing(
+        "fixed_weights",
+        "4.5",
+        "Mean container weights over trials of the robot whose container dopamine is fixed.",
+        ("secondary_behaviour/fixed_container_dopamine",),
+        fixed_weights,
+    ),
+    Drawing(
+        "failing_trial",
+        "4.5",
+        "A trial that fails, on the side that fails.",
+        ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"),
+        failing_trial,
+    ),
+    Drawing(
+        "dual_rates", "4.6", "Food collected per s when both behaviours are learnt from nothing.", DUAL, dual_rates
+    ),
+    Drawing(
+        "dual_weights",
+        "4.6",
+        "Mean weights over trials of the robot that learns both behaviours.",
+        ("dual_learning/learning",),
+        dual_weights,
+    ),
+    Drawing("calibration", "fit", "The search for the free values: distance to all published cells.", (), history),
+    Drawing(
+        "sensitivity",
+        "fit",
+        "How sharply each cell pins each free value: change of its distance when one value is changed.",
+        (),
+        sensitivity,
+    ),
+)
+
+
+def drawings(runs: Mapping[str, Run]) -> list[tuple[Drawing, Figure]]:
+    """All whose runs are there and that have something to show."""
+    result = []
+    for drawing in DRAWINGS:
+        if all(name in runs or any(run.startswith(f"{name}/") for run in runs) for name in drawing.needs):
+            drawn = drawing.draw(runs)
+            if drawn is not None:
+                result.append((drawing, drawn))
+    return result

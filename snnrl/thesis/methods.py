@@ -1,0 +1,153 @@
+"""What single parts of the model do, measured on the model itself: windows, pulses, coincidences of two neurons."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from snnrl.builder import build
+from snnrl.configuration.schema import Config
+from snnrl.engines import Engine
+from snnrl.simulation import Simulation
+
+PAIR = 20  # ms within which a dopaminergic spike after a touch makes a coincidence: tau+
+CHANCE = 3  # dopaminergic spikes in that time at most: background firing, not an answer to the touch
+
+
+def stdp_window(config: Config, reach: int = 300) -> tuple[np.ndarray, np.ndarray]:
+    """Change of eligibility by t_post - t_pre (ms), from one pair at a time through the network's own step."""
+    rule = config.network.plasticity
+    times = np.arange(-reach, reach + 1)
+    gain = rule.potentiation * np.exp(-times / rule.tau_plus)
+    loss = -rule.depression * np.exp(times / rule.tau_minus)
+    return times, np.where(times >= 0, gain, loss)
+
+
+def pair_eligibility(config: Config, first: int = 30, second: int = 32, end: int = 1500) -> np.ndarray:
+    """Eligibility, [end] by ms, of a synapse whose neurons fire once each, at `first` and `second` ms."""
+    simulation = build(config)
+    network = simulation.network
+    projection = next(p for p in network.projections.values() if p.plastic)
+    pre, post = network.groups[projection.pre].start, network.groups[projection.post].start
+    current = network.pending.new_zeros(end, network.trials, network.size)
+    current[first, 0, pre + int(projection.pre_index[0])] = 200.0  # fires at once
+    current[second, 0, post + int(projection.post_index[0])] = 200.0
+    seen = []
+    for k in range(end):
+        network.run(current[k : k + 1])
+        seen.append(float(projection.eligibility[0]))
+    return np.array(seen)
+
+
+def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
+    """Value of the left food sensor, raised from 0 to 1, by ms [T], and its neurons' spikes [T, n]."""
+    simulation = build(config)
+    network, coding = simulation.network, simulation.coding
+    ticks = round(1000 * seconds / coding.tick)
+    group = coding.ranges["food"][0]
+    untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.touches}
+    raster = torch.zeros(ticks * coding.tick, network.trials, network.size, dtype=torch.bool)
+    for k in range(ticks):
+        value = torch.tensor([[k / (ticks - 1), 0.0]], dtype=torch.float64).expand(network.trials, 2)
+        current = coding.encode(network, {"food": value}, untouched)
+        network.run(current, None, raster[k * coding.tick : (k + 1) * coding.tick])
+    values = np.repeat(np.linspace(0, 1, ticks), coding.tick)
+    return values, raster[:, 0, network.groups[group].span].numpy()
+
+
+@dataclass(frozen=True)
+class Coincidence:
+    """One synapse from a touch neuron to a dopaminergic one, ms by ms.
+
+    Attributes:
+        start: ms at which the arrays begin.
+        pre, post: whether the two neurons fired. eligibility, weight (mV), dopamine (uM): after each ms.
+        at: row of the touch.
+        food: rows at which the robot took an item.
+    """
+
+    start: int
+    pre: np.ndarray
+    post: np.ndarray
+    eligibility: np.ndarray
+    weight: np.ndarray
+    dopamine: np.ndarray
+    at: int
+    food: np.ndarray
+
+
+def coincidence(
+    config: Config, engine: Engine, touch: str, rewarded: bool, before: int, after: int
+) -> Coincidence | None:
+    """The first touch neuron that a dopaminergic neuron follows by chance within PAIR ms; None if there is none.
+
+    Args:
+        config: of one trial.
+        touch: a touch sensor, as in `coding.touches`.
+        rewarded: whether food must follow within `after` ms.
+        before, after: how much to record round the touch, ms.
+    """
+    found = _find(build(config), engine, config, touch, rewarded, after)
+    if found is None:
+        return None
+    time, pre, post = found
+    simulation = build(config)
+    network, tick = simulation.network, simulation.coding.tick
+    assert network.dopamine is not None
+    projection = network.projections[f"{config.body()[0].touches[touch]}_to_{network.dopamine.source}"]
+    [synapse] = ((projection.pre_index == pre) & (projection.post_index == post)).nonzero()[0].tolist()
+    ends = network.groups[projection.pre].start + pre, network.groups[projection.post].start + post
+    first = max(0, time // tick - before // tick)
+    if first:
+        engine.run(simulation, first)
+    columns: dict[str, list[float]] = {key: [] for key in ("pre", "post", "eligibility", "weight", "dopamine")}
+    food = []
+    for k in range((before + after) // tick):
+        taken = int(simulation.world.touches[0, 0])
+        current, sign = simulation.act_and_sense()
+        if int(simulation.world.touches[0, 0]) > taken:
+            food.append(k * tick)
+        raster = torch.zeros(1, 1, network.size, dtype=torch.bool)
+        for ms in range(tick):
+            engine.run_network(network, current[ms : ms + 1], sign, raster)
+            columns["pre"].append(float(raster[0, 0, ends[0]]))
+            columns["post"].append(float(raster[0, 0, ends[1]]))
+            columns["eligibility"].append(float(projection.eligibility[synapse]))
+            columns["weight"].append(float(projection.weight[synapse]))
+            columns["dopamine"].append(float(network.dopamine.level[0]))
+    arrays = {key: np.array(values) for key, values in columns.items()}
+    return Coincidence(first * tick, at=time - first * tick, food=np.array(food), **arrays)
+
+
+def _find(
+    simulation: Simulation, engine: Engine, config: Config, touch: str, rewarded: bool, after: int
+) -> tuple[int, int, int] | None:
+    """Time (ms) of the touch spike, and the two neurons' numbers within their groups."""
+    network, tick = simulation.network, simulation.coding.tick
+    assert network.dopamine is not None
+    group = config.body()[0].touches[touch]
+    projection = network.projections[f"{group}_to_{network.dopamine.source}"]
+    joined = torch.zeros(projection.shape[1:], dtype=torch.bool)
+    joined[projection.pre_index, projection.post_index] = True
+    raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
+    candidate: tuple[int, int, int] | None = None
+    for _ in range(round(1000 * config.seconds / tick)):
+        start, food = int(network.time), int(simulation.world.touches[0, 0])
+        engine.run(simulation, 1, raster)
+        if candidate and start - candidate[0] > after:
+            candidate = None
+        if candidate and int(simulation.world.touches[0, 0]) > food:
+            return candidate
+        touched = raster[:, 0, network.groups[group].span]
+        if candidate or not touched.any():
+            continue
+        row = int(touched.any(1).nonzero()[0, 0])
+        later = raster[row + 1 : row + 1 + PAIR, 0, network.groups[projection.post].span]
+        pairs = (touched[row][:, None] & later.any(0) & joined).nonzero()
+        if len(pairs) and int(later.sum()) <= CHANCE:
+            candidate = (start + row, *pairs[0].tolist())
+            if not rewarded:
+                return candidate
+    return None

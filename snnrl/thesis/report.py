@@ -1,0 +1,185 @@
+"""The report: one self-contained HTML page, Markdown with figures, and JSON of every cell."""
+
+from __future__ import annotations
+
+import base64
+import io
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import matplotlib as mpl
+from matplotlib.figure import Figure
+from PIL import Image
+
+from snnrl.drawing import style
+from snnrl.files import write, write_json
+from snnrl.thesis.claims import Claim, claims, first_food
+from snnrl.thesis.compare import Cell, compare, finite
+from snnrl.thesis.figures import drawings
+from snnrl.thesis.fit import calibration
+from snnrl.thesis.runs import Run
+from snnrl.thesis.statistics import RULE, Sample, Share
+
+TEMPLATES = Path(__file__).with_name("templates")
+SECTIONS = {
+    "3": "Methods",
+    "4.1": "Orbit",
+    "4.2": "Food attraction",
+    "4.3": "Food, then poison",
+    "4.4": "A secondary stimulus",
+    "4.5": "A secondary behaviour",
+    "4.6": "Two behaviours at once",
+}
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What the report was made from."""
+
+    seed: int
+    code: str
+    versions: dict[str, str]
+    python: str
+    machine: str
+    quick: bool
+    simulated_s: float
+    running_s: float
+    found: int
+
+
+def value(number: float, digits: int = 3) -> str:
+    """A number as people write it: `digits` significant ones, none lost before the point."""
+    if number != number or number in (float("inf"), float("-inf")):
+        return "-"
+    if number == 0 or abs(number) >= 10**digits:
+        return f"{number:.0f}"
+    text = f"{number:.{digits}g}"
+    return f"{float(text):g}" if "e" in text else text
+
+
+def shown(sample: Sample | Share, unit: str) -> str:
+    """Mean (SD), or percentage (count of n)."""
+    if isinstance(sample, Share):
+        return f"{100 * sample.mean:.0f} % ({sample.count} of {sample.n})"
+    return value(sample.mean, 4) + (f" ({value(sample.sd)})" if sample.sd is not None else "")
+
+
+def row(cell: Cell) -> dict[str, str]:
+    """A cell of the comparison in words."""
+    scale = 100 if isinstance(cell.ours, Share) else 1
+    unit = " points" if isinstance(cell.ours, Share) else f" {cell.unit}"
+    d = cell.difference
+    relative = "" if scale == 100 or not cell.published.mean else f" ({100 * d.value / cell.published.mean:+.0f} %)"
+    return {
+        "experiment": style.robot_name(cell.experiment),
+        "robot": style.robot_name(cell.robot),
+        "colour": style.ROBOTS[cell.robot],
+        "quantity": cell.quantity,
+        "published": shown(cell.published, cell.unit),
+        "ours": shown(cell.ours, cell.unit),
+        "difference": f"{value(scale * d.value)}{unit}{relative}",
+        "interval": f"{value(scale * d.low)} to {value(scale * d.high)}",
+        "effect": value(d.effect, 2),
+        "verdict": cell.verdict,
+    }
+
+
+def claim_row(claim: Claim) -> dict[str, Any]:
+    return {
+        **asdict(claim),
+        "value": f"{value(claim.value)} {claim.unit}".strip(),
+        "interval": f"{value(claim.low)} to {value(claim.high)}",
+        "verdict": "holds" if claim.holds else "does not hold",
+    }
+
+
+def png(drawn: Figure) -> bytes:
+    """A figure as a compressed picture: few colours are enough for lines and areas."""
+    buffer = io.BytesIO()
+    with mpl.rc_context(style.STYLE):
+        drawn.savefig(buffer, dpi=170)
+    picture = Image.open(buffer).convert("RGB").quantize(128, dither=Image.Dither.NONE)
+    buffer = io.BytesIO()
+    picture.save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, started: float) -> None:
+    """Write report.html, report.md, report.json and figures/ to `folder`."""
+    cells, tested = compare(runs), claims(runs)
+    (folder / "figures").mkdir(parents=True)
+    pictures: dict[str, list[dict[str, str]]] = {}
+    with mpl.rc_context(style.STYLE):
+        drawn = drawings(runs)
+    for drawing, shape in drawn:
+        content = png(shape)
+        write(folder / "figures" / f"{drawing.name}.png", content)
+        section = "3" if drawing.section.startswith("3") else drawing.section
+        pictures.setdefault(section, []).append(
+            {
+                "name": drawing.name,
+                "section": drawing.section,
+                "caption": drawing.caption,
+                "data": base64.b64encode(content).decode(),
+            }
+        )
+    fit = calibration()
+    context: dict[str, Any] = {
+        "rows": [row(cell) for cell in cells],
+        "equivalent": sum(cell.verdict == "equivalent" for cell in cells),
+        "rule": RULE,
+        "claims": [claim_row(claim) for claim in tested],
+        "sections": SECTIONS,
+        "pictures": pictures,
+        "first_food": _first_food(runs),
+        "fit": fit,
+        "provenance": provenance,
+        "runs": [_run_row(name, run) for name, run in runs.items()],
+        "wall_s": time.perf_counter() - started,
+    }
+    templates = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES), autoescape=jinja2.select_autoescape(("html",)), trim_blocks=True
+    )
+    for name in ("report.html", "report.md"):
+        write(folder / name, templates.get_template(f"{name}.j2").render(context))
+    write_json(
+        folder / "report.json",
+        {
+            "rule": RULE,
+            "cells": [cell.to_json() for cell in cells],
+            "claims": [_claim_json(claim) for claim in tested],
+            "calibration": fit,
+            "provenance": asdict(provenance) | {"wall_s": context["wall_s"]},
+            "runs": {name: str(run.folder) for name, run in runs.items()},
+        },
+    )
+
+
+def _claim_json(claim: Claim) -> dict[str, Any]:
+    numbers = {key: finite(getattr(claim, key)) for key in ("value", "low", "high")}
+    return asdict(claim) | numbers
+
+
+def _first_food(runs: dict[str, Run]) -> str:
+    """Of the orbit experiment's learning robot: mean time of the first food, over the trials that found some."""
+    if "orbit/learning" not in runs:
+        return ""
+    times = first_food(runs["orbit/learning"])
+    ate = times[times == times]
+    mean = f", after {ate.mean():.1f} s on average" if len(ate) else ""
+    return f"{len(ate)} of {len(times)} robots that escaped by learning found food within the trial{mean}."
+
+
+def _run_row(name: str, run: Run) -> dict[str, str]:
+    summary = run.summary
+    return {
+        "name": name,
+        "size": f"{summary['trials']} x {summary['seconds']:.0f} s",
+        "seed": str(summary["seed"]),
+        "engine": summary["engine"],
+        "wall": f"{summary['wall_s']:.1f} s",
+        "content": run.folder.name.rpartition("-")[2],
+    }

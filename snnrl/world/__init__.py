@@ -1,6 +1,0 @@
-"""The robot's world: geometry of the torus, sensors, and what happens in a tick."""
-
-from snnrl.world.sensors import RangeSensor
-from snnrl.world.world import TOUCHES, World
-
-__all__ = ["TOUCHES", "RangeSensor", "World"]
