@@ -1,4 +1,5 @@
-"""Every experiment at small size, bit for bit as recorded: a change that is not meant to change results changes none.
+"""Every experiment at small size, bit for bit as recorded, on any machine: a change that is not meant to change
+results changes none.
 
 After a change that is meant to, run `python tests/test_goldens.py`, and say which and why in its commit.
 """
@@ -7,9 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 import sys
-from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -44,17 +43,12 @@ CASES: dict[str, tuple[str, ...]] = {
     "distal_reward/learning": TASK,
     "classical_conditioning/learning": TASK,
     "dual_learning/learning, reference": ("engine=reference", "seconds=4.2", "record.every=1.4", *SMALL),
+    "food_poison/learning, reference": ("engine=reference", "seconds=2.8", "poison=1.4", "record.every=0.7", *SMALL),
+    "distal_reward/learning, reference": ("engine=reference", "seconds=0.6", "record.every=0.2", *SMALL),
+    "dual_learning/learning, float64": (*LONG, "dtype=float64"),
     "food_attraction/learning, float64": (*LONG, "dtype=float64"),
 }
 MOVED = {"poison=": "world.poison_from="}  # a case's words, and the keys that they stand for today
-
-
-def machine() -> str:
-    """What the bits may depend on: the maker of the processor, and the libraries that compute them."""
-    info = Path("/proc/cpuinfo")
-    found = [line for line in info.read_text().splitlines() if "vendor_id" in line] if info.exists() else []
-    maker = found[0].partition(":")[2].strip() if found else platform.machine()
-    return ", ".join([maker, *(f"{name} {version(name)}" for name in ("torch", "numba", "numpy"))])
 
 
 def digests(case: str, folder: Path) -> dict[str, str]:
@@ -78,10 +72,7 @@ def digests(case: str, folder: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize("case", CASES)
 def test_every_experiment_is_bit_for_bit_as_recorded(case: str, tmp_path: Path) -> None:
-    golden = json.loads(FILE.read_text())
-    if golden["machine"] != machine():
-        pytest.skip(f"recorded on {golden['machine']}; this is {machine()}")
-    assert digests(case, tmp_path) == golden["cases"][case]
+    assert digests(case, tmp_path) == json.loads(FILE.read_text())[case]
 
 
 if __name__ == "__main__":
@@ -91,4 +82,4 @@ if __name__ == "__main__":
         with TemporaryDirectory() as folder:
             found[case] = digests(case, Path(folder))
         print(case, file=sys.stderr)
-    FILE.write_text(json.dumps({"machine": machine(), "cases": found}, indent=1) + "\n")
+    FILE.write_text(json.dumps(found, indent=1) + "\n")

@@ -307,6 +307,17 @@ def test_places_of_replaced_items_differ_from_tick_to_tick() -> None:
     assert not torch.equal(*found)
 
 
+@pytest.mark.parametrize("kind", ["free_items", "food_containers"])
+def test_what_is_taken_in_the_first_tick_lands_elsewhere(kind: str) -> None:
+    world = make_world(trials=20, **{kind: 1})
+    before = world.items.clone()
+    world.position.copy_(world.items[:, 0])
+    world.inside.fill_(-1 if kind == "free_items" else 0)
+    world.step(torch.zeros(20, 2, dtype=torch.float64), NOW)
+    assert world.touches[:, 0].tolist() == [1] * 20
+    assert bool((world.items != before).all())
+
+
 def test_the_robot_moves_before_it_touches() -> None:
     world = make_world(free_items=2)
     place(world, (50.0, 50.0), 0.0, [[54.0, 50.0], [48.0, 50.0]])

@@ -16,6 +16,8 @@ import zlib
 import torch
 from torch import Tensor
 
+from snnrl.model.elementary import exp, exp_of
+
 MULTIPLIER_0 = 0xD2511F53
 MULTIPLIER_1 = 0xCD9E8D57
 WEYL_0 = 0x9E3779B9
@@ -81,7 +83,7 @@ def poisson_thresholds(mean: float) -> Tensor:
     Cumulative probabilities are rounded up to a multiple of 2**-24; larger counts than K never occur.
     """
     thresholds = []
-    probability = math.exp(-mean)
+    probability = exp_of(-mean)
     cumulative = probability
     for count in range(1, 10_000):
         threshold = math.ceil(cumulative * (1 << BITS))
@@ -112,6 +114,6 @@ def poisson_of_means(bits: Tensor, means: Tensor, largest: float) -> Tensor:
         largest: sizes the table; must be below 700 (where exp(-mean) underflows).
     """
     ratio = means[:, None] / torch.arange(1, poisson_table_size(largest), device=means.device)
-    first = torch.exp(-means)[:, None]
+    first = exp(-means)[:, None]
     pmf = torch.cat([first, first * torch.cumprod(ratio, 1)], 1)
     return torch.searchsorted(torch.cumsum(pmf, 1), bits.double() / (1 << BITS), right=True)

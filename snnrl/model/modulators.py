@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 
 import torch
 from torch import Tensor, nn
+
+from snnrl.model.elementary import exp_of
 
 
 class Dopamine(nn.Module):
@@ -46,7 +47,7 @@ class Dopamine(nn.Module):
         super().__init__()
         self.source, self.baseline, self.tau, self.release = source, baseline, tau, release
         self.delay, self.threshold = delay, threshold
-        self.decay = math.exp(-1.0 / tau)
+        self.decay = exp_of(-1.0 / tau)
         self.register_buffer("level", torch.full((trials,), baseline, dtype=dtype, device=device))
         self.register_buffer("total", torch.zeros(trials, dtype=torch.float64, device=device))
         self.register_buffer("released", torch.zeros(trials, delay, dtype=torch.int64, device=device))

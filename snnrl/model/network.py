@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import cast
@@ -280,7 +279,7 @@ class Network(nn.Module):
         fired = fired.view(-1)
         rise, fall = torch.where(fired[post], gain[pre], 0.0), torch.where(fired[pre], -loss[post], 0.0)
         change = rise + fall if depresses else torch.where(fired[post], rise, fall)
-        eligibility.mul_(math.exp(-1.0 / rule.tau_eligibility)).add_(change)
+        eligibility.mul_(rule.decay).add_(change)
 
     def _change_weights(self, level: Tensor) -> None:
         table = self.synapses

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
+
+from snnrl.model.elementary import exp, exp_of
 
 
 @dataclass(frozen=True)
@@ -32,11 +34,15 @@ class Plasticity:
     tau_eligibility: float
     weight_max: float
     simultaneous: str = "potentiates"
+    decay: float = field(init=False)  # of the eligibility in one ms
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "decay", exp_of(-1.0 / self.tau_eligibility))
 
 
 def stdp(elapsed: Tensor, amplitude: float, tau: float, dtype: torch.dtype) -> Tensor:
     """Weight of a pair of spikes `elapsed` ms apart: one half of the window (thesis 3.7), same shape."""
-    return amplitude * torch.exp(elapsed.to(dtype) / -tau)
+    return (amplitude * exp(elapsed.double() / -tau)).to(dtype)
 
 
 class Projection(nn.Module):

@@ -7,6 +7,8 @@ import math
 import torch
 from torch import Tensor
 
+from snnrl.model.elementary import cos, sin
+
 
 def offset(origin: Tensor, target: Tensor, side: float) -> Tensor:
     """Shortest way from origin to target, both in [0, side]; each component in [-side/2, side/2)."""
@@ -27,7 +29,7 @@ def drive(
     """
     left, right = wheels.unbind(1)
     way = 0.5 * (left + right) * seconds
-    step = torch.stack([way * torch.cos(heading), way * torch.sin(heading)], 1)
+    step = torch.stack([way * cos(heading), way * sin(heading)], 1)
     turned = heading + (right - left) / axle * seconds
     return torch.remainder(position + step, side), torch.remainder(turned, 2.0 * math.pi)
 
@@ -38,11 +40,11 @@ def orbit(slow: float, fast: float, seconds: float, axle: float) -> tuple[float,
     Returns the distance of the corners from the centre (cm) and the turn at each corner (rad).
     """
     turn = (fast - slow) / axle * seconds
-    return 0.25 * (slow + fast) * seconds / math.sin(0.5 * turn), turn
+    return 0.25 * (slow + fast) * seconds / float(sin(torch.tensor(0.5 * turn, dtype=torch.float64))), turn
 
 
 def in_disc(radius: float, uniform: Tensor) -> Tensor:
     """Uniform points of a disc round the origin from two uniform numbers, [..., 2] to [..., 2]."""
     distance = radius * torch.sqrt(uniform[..., 0])
     angle = 2.0 * math.pi * uniform[..., 1]
-    return torch.stack([distance * torch.cos(angle), distance * torch.sin(angle)], -1)
+    return torch.stack([distance * cos(angle), distance * sin(angle)], -1)

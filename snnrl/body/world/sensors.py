@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from snnrl.model.elementary import cos, sin
+
 
 @dataclass(frozen=True)
 class RangeSensor:
@@ -35,9 +37,9 @@ def sense(sensor: RangeSensor, way: Tensor, heading: Tensor, visible: Tensor, ra
     """
     if way.shape[1] == 0:
         return way.new_zeros(len(way), 2)
-    cos, sin = torch.cos(heading)[:, None], torch.sin(heading)[:, None]
-    ahead = way[..., 0] * cos + way[..., 1] * sin >= 0.0
-    leftward = way[..., 1] * cos - way[..., 0] * sin >= 0.0
+    along, across = cos(heading)[:, None], sin(heading)[:, None]
+    ahead = way[..., 0] * along + way[..., 1] * across >= 0.0
+    leftward = way[..., 1] * along - way[..., 0] * across >= 0.0
     distance = torch.sqrt(way[..., 0] * way[..., 0] + way[..., 1] * way[..., 1])
     distance = torch.where(visible & ahead, distance, torch.inf)
     nearest, which = distance.min(1)

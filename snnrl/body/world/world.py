@@ -10,6 +10,7 @@ from torch import Tensor, nn
 from snnrl.body.world.geometry import drive, in_disc, offset, orbit
 from snnrl.body.world.sensors import RangeSensor, sense
 from snnrl.model.draws import Draws, stream
+from snnrl.model.elementary import cos, sin
 
 TOUCHES = ("food", "food_container", "empty_container")
 OUTSIDE = -1
@@ -74,12 +75,13 @@ class World(nn.Module):
         home = torch.cat([torch.full((free_items,), OUTSIDE), torch.arange(food_containers)])
         self.register_buffer("home", home.to(device), persistent=False)
         robot = draws.at_start(stream("robot"), 3)
-        items, containers = self._places(torch.zeros(1, dtype=torch.int64, device=device))
+        items, containers = self._places("start", torch.zeros(1, dtype=torch.int64, device=device))
         self.register_buffer("position", side * robot[:, :2])
         self.register_buffer("heading", 2.0 * torch.pi * robot[:, 2])
         self.register_buffer("items", items)
-        empty = side * draws.at_start(stream("empty containers"), 2 * empty_containers)
-        self.register_buffer("containers", torch.cat([containers, empty.view(len(robot), empty_containers, 2)], 1))
+        empty = side * draws.at_start(stream("start", "empty_container"), 4 * empty_containers)
+        empty = empty.view(len(robot), empty_containers, 4)[..., :2]
+        self.register_buffer("containers", torch.cat([containers, empty], 1))
         self.register_buffer("inside", torch.full_like(draws.trials, OUTSIDE))
         self.register_buffer("touches", self.inside.new_zeros(len(robot), len(TOUCHES)))
 
@@ -93,8 +95,8 @@ class World(nn.Module):
         radius, turn = orbit(slow, fast, seconds, self.axle)
         angle = self.heading.clone()
         heading = angle + 0.5 * (torch.pi + turn)
-        corner = self.items[:, 0] + radius * torch.stack([torch.cos(angle), torch.sin(angle)], 1)
-        ahead = 0.5 * (slow + fast) * seconds * torch.stack([torch.cos(heading), torch.sin(heading)], 1)
+        corner = self.items[:, 0] + radius * torch.stack([cos(angle), sin(angle)], 1)
+        ahead = 0.5 * (slow + fast) * seconds * torch.stack([cos(heading), sin(heading)], 1)
         self.position.copy_(torch.remainder(corner - ahead, self.side))
         self.heading.copy_(torch.remainder(heading, 2.0 * torch.pi))
 
@@ -106,15 +108,18 @@ class World(nn.Module):
         self.draws = self.draws.to(self.touches.device)
         return self
 
-    def _places(self, time: Tensor) -> tuple[Tensor, Tensor]:
-        """Fresh places at `time` [1] for every item [B, M, 2] and every food container [B, C, 2]."""
-        count = self.free_items + self.food_containers
-        uniform = self.draws.uniform(stream("items"), time, 4 * count)[0].view(len(self.draws.trials), count, 4)
-        place = self.side * uniform[..., :2]
-        containers = place[:, self.free_items :]
-        within = in_disc(self.container_radius, uniform[:, self.free_items :, 2:])
-        held = torch.remainder(containers + within, self.side)
-        return torch.cat([place[:, : self.free_items], held], 1), containers
+    def _places(self, when: str, time: Tensor) -> tuple[Tensor, Tensor]:
+        """Fresh places at `time` [1] for every item [B, M, 2] and every food container [B, C, 2].
+
+        `when` names the streams: those of the start and those of what has moved are not the same.
+        """
+        free, holding = (
+            self.draws.uniform(stream(when, kind), time, 4 * count)[0].view(len(self.draws.trials), count, 4)
+            for kind, count in (("food", self.free_items), ("food_container", self.food_containers))
+        )
+        containers = self.side * holding[..., :2]
+        held = torch.remainder(containers + in_disc(self.container_radius, holding[..., 2:]), self.side)
+        return torch.cat([self.side * free[..., :2], held], 1), containers
 
     def step(self, wheels: Tensor, time: Tensor) -> dict[str, Tensor]:
         """Move the robot through one tick; what it touched, bool [B] by the names of TOUCHES.
@@ -161,7 +166,7 @@ class World(nn.Module):
         return entered
 
     def _replace(self, taken: Tensor, time: Tensor) -> None:
-        items, containers = self._places(time.view(1))
+        items, containers = self._places("moved", time.view(1))
         self.items.copy_(torch.where(taken[..., None], items, self.items))
         moved = taken[:, self.free_items :, None]
         held = self.containers[:, : self.food_containers]

@@ -78,7 +78,7 @@ def compiled(function: Callable[..., Any], real: Any = np.float64) -> Any:
         code = function.__code__
         constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in code.co_consts)
         names = {name: function.__globals__[name] for name in code.co_names if name in function.__globals__}
-        found = {name: _as_seen(value, real) for name, value in names.items()}
+        found = {name: _as_seen(value, real) for name, value in names.items()} | {"__name__": function.__module__}
         same = FunctionType(code.replace(co_consts=constants), found, function.__name__, None, function.__closure__)
         _known[function, real] = njit(same, forceinline=True)
     return _known[function, real]

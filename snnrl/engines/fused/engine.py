@@ -174,7 +174,6 @@ def _topology(network: Network) -> dict[str, Any]:
         first_row += trials * pre_size
         first_synapse += len(row)
     rule, dopamine = network.plasticity, network.dopamine
-    fading = math.exp(-1.0 / rule.tau_eligibility)
     decay, baseline, release = (
         (0.0, 0.0, 0.0) if dopamine is None else (dopamine.decay, dopamine.baseline, dopamine.release)
     )
@@ -193,7 +192,7 @@ def _topology(network: Network) -> dict[str, Any]:
         "set_step": np.array([item.step for item in network.homeostasis.values()], real),
         "gain": _window(rule.potentiation, rule.tau_plus, network.dtype),
         "loss": _window(rule.depression, rule.tau_minus, network.dtype),
-        "fading": (fading ** np.arange(BLOCK + 1)).astype(real),
+        "fading": np.cumprod([1.0, *[rule.decay] * BLOCK]).astype(real),
         "depresses": rule.simultaneous == "depresses",
         "modulated": dopamine is not None,
         "source_group": -1 if dopamine is None or dopamine.source is None else place[dopamine.source],
@@ -236,7 +235,8 @@ def _world(world: World) -> WorldArrays:
         np.array([sensor.reach for sensor in sensors]),
         np.array([sensor.to_border for sensor in sensors]),
         np.array([name == "food" for name in world.ranges]),
-        stream("items"),
+        stream("moved", "food"),
+        stream("moved", "food_container"),
     )
 
 

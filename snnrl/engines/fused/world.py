@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from snnrl.engines.fused.compiler import compiled
 from snnrl.engines.fused.network import (
     BLOCK,
     SIZE,
@@ -20,7 +21,9 @@ from snnrl.engines.fused.network import (
     store,
 )
 from snnrl.engines.fused.philox import UNIT, bits, fill_bits, uniform
+from snnrl.model import elementary
 
+exp, sin, cos = (compiled(function) for function in (elementary.exp, elementary.sin, elementary.cos))
 FOOD, FOOD_CONTAINER, EMPTY_CONTAINER = range(3)
 OUTSIDE = -1
 
@@ -46,7 +49,8 @@ class WorldArrays(NamedTuple):
     reach: Any  # float64 [R]
     to_border: Any  # bool [R]
     is_food: Any  # bool [R], whether the sensor sees items or containers
-    stream: Any  # of replaced items
+    stream: Any  # of replaced free items
+    held_stream: Any  # of replaced containers
 
 
 class CodingArrays(NamedTuple):
@@ -97,8 +101,8 @@ def move(world, trial, left, right, seconds):
     heading = world.heading[trial]
     way = 0.5 * (left + right) * seconds
     x, y = world.position[trial, 0], world.position[trial, 1]
-    world.position[trial, 0] = (x + way * math.cos(heading)) % world.side
-    world.position[trial, 1] = (y + way * math.sin(heading)) % world.side
+    world.position[trial, 0] = (x + way * cos(heading)) % world.side
+    world.position[trial, 1] = (y + way * sin(heading)) % world.side
     world.heading[trial] = (heading + (right - left) / world.axle * seconds) % (2.0 * math.pi)
 
 
@@ -134,16 +138,18 @@ def take(world, seed, number, trial, time, tick_touched):
         if dx * dx + dy * dy < square:
             tick_touched[FOOD] = True
             world.touches[trial, FOOD] += 1
-            new_x = world.side * uniform(seed, world.stream, number, time, 4 * m)
-            new_y = world.side * uniform(seed, world.stream, number, time, 4 * m + 1)
-            if m >= world.free_items:
+            held = m >= world.free_items
+            stream, first = (world.held_stream, 4 * (m - world.free_items)) if held else (world.stream, 4 * m)
+            new_x = world.side * uniform(seed, stream, number, time, first)
+            new_y = world.side * uniform(seed, stream, number, time, first + 1)
+            if held:
                 c = m - world.free_items
                 world.containers[trial, c, 0], world.containers[trial, c, 1] = new_x, new_y
-                distance = math.sqrt(uniform(seed, world.stream, number, time, 4 * m + 2))
+                distance = math.sqrt(uniform(seed, stream, number, time, first + 2))
                 distance *= world.container_radius
-                angle = 2.0 * math.pi * uniform(seed, world.stream, number, time, 4 * m + 3)
-                new_x = (new_x + distance * math.cos(angle)) % world.side
-                new_y = (new_y + distance * math.sin(angle)) % world.side
+                angle = 2.0 * math.pi * uniform(seed, stream, number, time, first + 3)
+                new_x = (new_x + distance * cos(angle)) % world.side
+                new_y = (new_y + distance * sin(angle)) % world.side
                 world.inside[trial] = OUTSIDE
             world.items[trial, m, 0], world.items[trial, m, 1] = new_x, new_y
 
@@ -152,7 +158,7 @@ def take(world, seed, number, trial, time, tick_touched):
 def sense(world, trial, r):
     """Which eye of range sensor r answers (0 left, 1 right), and its value."""
     x, y = world.position[trial, 0], world.position[trial, 1]
-    cos, sin = math.cos(world.heading[trial]), math.sin(world.heading[trial])
+    along, across = cos(world.heading[trial]), sin(world.heading[trial])
     inside = world.inside[trial]
     objects = world.items[trial] if world.is_food[r] else world.containers[trial]
     nearest, eye = np.inf, 0
@@ -164,8 +170,8 @@ def sense(world, trial, r):
             continue
         dx, dy = offset(x, objects[m, 0], world.side), offset(y, objects[m, 1], world.side)
         distance = dx * dx + dy * dy
-        if distance < nearest and dx * cos + dy * sin >= 0.0:
-            nearest, eye = distance, 0 if dy * cos - dx * sin >= 0.0 else 1
+        if distance < nearest and dx * along + dy * across >= 0.0:
+            nearest, eye = distance, 0 if dy * along - dx * across >= 0.0 else 1
     nearest = math.sqrt(nearest)
     if world.to_border[r]:
         radius = world.item_radius if world.is_food[r] else world.container_radius
@@ -184,7 +190,7 @@ def poisson(draw, thresholds):
 @njit
 def poisson_table(mean, table):
     """Cumulative probabilities as in `snnrl.model.draws.poisson_of_means`, as far as a draw can reach."""
-    probability, factor = math.exp(-mean), 1.0
+    probability, factor = exp(-mean), 1.0
     table[:] = 1.0
     table[0] = probability
     for count in range(1, len(table)):
