@@ -309,7 +309,7 @@ def test_places_of_replaced_items_differ_from_tick_to_tick() -> None:
 
 @pytest.mark.parametrize("kind", ["free_items", "food_containers"])
 def test_what_is_taken_in_the_first_tick_lands_elsewhere(kind: str) -> None:
-    world = make_world(trials=20, **{kind: 1})
+    world = make_world(20, int(kind == "free_items"), int(kind == "food_containers"))
     before = world.items.clone()
     world.position.copy_(world.items[:, 0])
     world.inside.fill_(-1 if kind == "free_items" else 0)
