@@ -12,7 +12,7 @@ from helpers import compose_config
 
 from snnrl.engines import make_engine
 from snnrl.thesis import claims
-from snnrl.thesis.compare import compare, contrast
+from snnrl.thesis.compare import compare, contrast, tally
 from snnrl.thesis.fit import best_region, describe, grid_points, point_name, point_of
 from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding
 from snnrl.thesis.runs import Run
@@ -95,10 +95,16 @@ def test_published_cells_are_compared_with_the_run_of_that_name() -> None:
     assert cells["food"].difference.value == pytest.approx(0.0)
     shifted = {"food_attraction/random_walk": hand_made(trials={"food": food + 30, "correct": np.ones(50)})}
     assert [cell.verdict for cell in compare(shifted)] == ["differs", "differs"]
-    (_, few) = compare(
+    few = {"food_attraction/random_walk": hand_made(trials={"food": food[:3], "correct": np.zeros(3)})}
+    assert tally([*compare(runs), *compare(shifted), *compare(few)]) == (
+        "2 equivalent, 2 inconclusive, 2 differ of 6 published cells"
+    )
+    (_, half) = compare(
         {"secondary_behaviour/no_container_dopamine": hand_made(trials={"food": food[:4], "correct": np.ones(4)})}
     )
-    assert (few.published, few.ours) == (Share(25, 50), Share(4, 4))  # half of the published trials, all of ours
+    assert (half.published, half.ours) == (Share(25, 50), Share(4, 4))  # half of the published trials, all of ours
+    assert half.to_json()["trials_needed"] is None  # 25 of 50 is too uncertain itself
+    assert not {"verdict", "trials_needed", "margin"} & set(half.to_json(judged=False))
 
 
 def test_contrast_is_a_ratio_by_trial() -> None:

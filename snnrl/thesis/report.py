@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from PIL import Image
 from snnrl.drawing import style
 from snnrl.files import write, write_json
 from snnrl.thesis.claims import Claim, claims, first_food
-from snnrl.thesis.compare import Cell, compare, finite
+from snnrl.thesis.compare import Cell, compare, finite, tally
 from snnrl.thesis.figures import drawings
 from snnrl.thesis.fit import calibration
 from snnrl.thesis.runs import Run
@@ -83,6 +84,7 @@ def row(cell: Cell) -> dict[str, str]:
         "difference": f"{value(scale * d.value)}{unit}{relative}",
         "interval": f"{value(scale * d.low)} to {value(scale * d.high)}",
         "effect": value(d.effect, 2),
+        "needed": "not with the published n" if math.isinf(d.trials_needed) else value(d.trials_needed),
         "verdict": cell.verdict,
     }
 
@@ -109,31 +111,17 @@ def png(drawn: Figure) -> bytes:
 
 def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, started: float) -> None:
     """Write report.html, report.md, report.json and figures/ to `folder`."""
-    cells, tested = compare(runs), claims(runs)
+    cells, tested, fit = compare(runs), claims(runs), calibration()
+    judged = not provenance.quick
     (folder / "figures").mkdir(parents=True)
-    pictures: dict[str, list[dict[str, str]]] = {}
-    with mpl.rc_context(style.STYLE):
-        drawn = drawings(runs)
-    for drawing, shape in drawn:
-        content = png(shape)
-        write(folder / "figures" / f"{drawing.name}.png", content)
-        section = "3" if drawing.section.startswith("3") else drawing.section
-        pictures.setdefault(section, []).append(
-            {
-                "name": drawing.name,
-                "section": drawing.section,
-                "caption": drawing.caption,
-                "data": base64.b64encode(content).decode(),
-            }
-        )
-    fit = calibration()
     context: dict[str, Any] = {
         "rows": [row(cell) for cell in cells],
-        "equivalent": sum(cell.verdict == "equivalent" for cell in cells),
+        "judged": judged,
+        "tally": tally(cells),
         "rule": RULE,
         "claims": [claim_row(claim) for claim in tested],
         "sections": SECTIONS,
-        "pictures": pictures,
+        "pictures": _pictures(folder / "figures", runs),
         "first_food": _first_food(runs),
         "fit": fit,
         "provenance": provenance,
@@ -149,8 +137,8 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         folder / "report.json",
         {
             "rule": RULE,
-            "cells": [cell.to_json() for cell in cells],
-            "claims": [_claim_json(claim) for claim in tested],
+            "cells": [cell.to_json(judged) for cell in cells],
+            "claims": [_claim_json(claim, judged) for claim in tested],
             "calibration": fit,
             "provenance": asdict(provenance) | {"wall_s": context["wall_s"]},
             "runs": {name: str(run.folder) for name, run in runs.items()},
@@ -158,9 +146,29 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
     )
 
 
-def _claim_json(claim: Claim) -> dict[str, Any]:
+def _pictures(folder: Path, runs: dict[str, Run]) -> dict[str, list[dict[str, str]]]:
+    """Write every figure to `folder`; what the templates need of them, by section."""
+    pictures: dict[str, list[dict[str, str]]] = {}
+    with mpl.rc_context(style.STYLE):
+        drawn = drawings(runs)
+    for drawing, shape in drawn:
+        content = png(shape)
+        write(folder / f"{drawing.name}.png", content)
+        section = "3" if drawing.section.startswith("3") else drawing.section
+        pictures.setdefault(section, []).append(
+            {
+                "name": drawing.name,
+                "section": drawing.section,
+                "caption": drawing.caption,
+                "data": base64.b64encode(content).decode(),
+            }
+        )
+    return pictures
+
+
+def _claim_json(claim: Claim, judged: bool) -> dict[str, Any]:
     numbers = {key: finite(getattr(claim, key)) for key in ("value", "low", "high")}
-    return asdict(claim) | numbers
+    return {key: found for key, found in (asdict(claim) | numbers).items() if judged or key != "holds"}
 
 
 def _first_food(runs: dict[str, Run]) -> str:
