@@ -73,7 +73,9 @@ def row(cell: Cell) -> dict[str, str]:
     scale = 100 if isinstance(cell.ours, Share) else 1
     unit = " points" if isinstance(cell.ours, Share) else f" {cell.unit}"
     d = cell.difference
-    relative = "" if scale == 100 or not cell.published.mean else f" ({100 * d.value / cell.published.mean:+.0f} %)"
+    relative = (
+        "" if scale == 100 or not cell.published.mean else f" ({round(100 * d.value / cell.published.mean):+d} %)"
+    )
     return {
         "experiment": style.robot_name(cell.experiment),
         "robot": style.robot_name(cell.robot),
