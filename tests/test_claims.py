@@ -11,10 +11,11 @@ import torch
 from helpers import compose_config
 
 from snnrl.engines import make_engine
+from snnrl.model.network import Network
 from snnrl.thesis import claims
 from snnrl.thesis.compare import compare, contrast, tally
 from snnrl.thesis.fit import best_region, describe, grid_points, point_name, point_of
-from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding
+from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import Share
 
@@ -129,10 +130,27 @@ def test_points_of_the_grid_are_found_by_name() -> None:
 
 
 def test_one_pair_leaves_the_eligibility_of_the_rule() -> None:
-    trace = pair_eligibility(compose_config("+experiment=food_attraction", "trials=1", "dtype=float64"), end=100)
+    config = compose_config("+experiment=food_attraction", "dtype=float64")
+    trace = pair_eligibility(config, np.array([30]), np.array([32]), 100)[:, 0]
     assert not trace[:32].any()
     times = np.arange(32, 100)
     assert trace[32:] == pytest.approx(0.1 * np.exp(-2 / 20) * np.exp(-(times - 32) / 476))
+
+
+@pytest.mark.parametrize(("simultaneous", "at_no_distance"), [("potentiates", 0.1), ("depresses", -0.15)])
+def test_the_window_of_single_pairs_is_the_rules(simultaneous: str, at_no_distance: float) -> None:
+    rule = f"network.plasticity.simultaneous={simultaneous}"
+    times, change = stdp_window(compose_config("+experiment=food_attraction", "dtype=float64", rule), reach=50)
+    before, after = np.arange(-50, 0), np.arange(1, 51)  # of the postsynaptic spike
+    assert times.tolist() == [*before, 0, *after]
+    expected = [*-0.15 * np.exp(before / 110), at_no_distance, *0.1 * np.exp(-after / 20)]
+    assert change == pytest.approx(np.array(expected), rel=1e-12)
+
+
+def test_the_window_is_measured_on_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Network, "run", lambda *_: None)
+    with pytest.raises(AssertionError, match="did not fire"):
+        stdp_window(compose_config("+experiment=food_attraction"), reach=5)
 
 
 def test_more_sensor_neurons_fire_the_larger_the_value() -> None:

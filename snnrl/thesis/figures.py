@@ -28,6 +28,7 @@ from snnrl.thesis.runs import Run
 RATE = "collection rate (items/s)"
 WEIGHT = "mean weight (mV)"
 ELIGIBILITY = "mean eligibility"
+START, GAP = 30, 2  # ms, of the pair of spikes whose eligibility is drawn
 
 
 @dataclass(frozen=True)
@@ -349,12 +350,12 @@ def window(_: Runs) -> Figure:
     drawn, axes = figure(1, 2, height=2.8)
     config = compose("+experiment=food_attraction", "trials=1")
     times, change = stdp_window(config)
-    for part, colour in ((times >= 0, ATTRACTION), (times < 0, AVOIDANCE)):
+    for part, colour in ((change >= 0, ATTRACTION), (change < 0, AVOIDANCE)):
         axes[0].plot(times[part], change[part], color=colour)
     axes[0].set(xlabel=r"$t_{post} - t_{pre}$ (ms)", ylabel="change of eligibility", title="STDP window")
-    eligibility = pair_eligibility(config)
+    eligibility = pair_eligibility(config, np.array([START]), np.array([START + GAP]), 1500)
     axes[1].plot(np.arange(len(eligibility)) / 1000, eligibility, color=ATTRACTION)
-    axes[1].set(xlabel="time (s)", ylabel="eligibility", title="after one pair, 2 ms apart", ylim=(0, None))
+    axes[1].set(xlabel="time (s)", ylabel="eligibility", title=f"after one pair, {GAP} ms apart", ylim=(0, None))
     return drawn
 
 
