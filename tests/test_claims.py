@@ -16,6 +16,7 @@ from snnrl.thesis import claims
 from snnrl.thesis.compare import compare, contrast, tally
 from snnrl.thesis.fit import best_region, describe, grid_points, point_name, point_of
 from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding, stdp_window
+from snnrl.thesis.report import food_after_escape
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import Share
 
@@ -43,6 +44,18 @@ def test_a_robot_has_escaped_when_it_is_two_radii_away_or_has_eaten() -> None:
     assert claims.escapes(run)[[0, 2]] == pytest.approx([0.21, 0.14])
     assert np.isnan(claims.escapes(run)[1])
     assert claims.first_food(run)[[0, 2]] == pytest.approx([0.28, 0.14])
+
+
+def test_food_after_escape_counts_the_robots_that_escaped() -> None:
+    """Of three robots one escapes and eats, one escapes, and one stays; nobody is counted who stays."""
+    far = 20.0
+    run = orbiting([[4.6, far, 3.0], [4.6, far, far], [4.6, 4.6, 4.6]], [[0.0, 0.0, 14.0], [0.0] * 3, [0.0] * 3])
+    assert food_after_escape({"orbit/learning": run}) == (
+        "1 of 2 robots that escaped by learning found food within the trial, after 0.2 s on average."
+    )
+    stuck = orbiting([[4.6, 4.6]], [[0.0, 0.0]])
+    assert food_after_escape({"orbit/learning": stuck}).startswith("0 of 0 robots")
+    assert food_after_escape({}) == ""
 
 
 def weights(left: np.ndarray, right: np.ndarray) -> dict[str, np.ndarray]:

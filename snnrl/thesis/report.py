@@ -6,18 +6,20 @@ import base64
 import io
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
 from snnrl.drawing import style
 from snnrl.files import write, write_json
-from snnrl.thesis.claims import Claim, claims, first_food
+from snnrl.thesis.claims import Claim, claims, escapes, first_food
 from snnrl.thesis.compare import Cell, compare, finite, tally
 from snnrl.thesis.figures import drawings
 from snnrl.thesis.fit import calibration
@@ -124,7 +126,7 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         "claims": [claim_row(claim) for claim in tested],
         "sections": SECTIONS,
         "pictures": _pictures(folder / "figures", runs),
-        "first_food": _first_food(runs),
+        "food_after_escape": food_after_escape(runs),
         "fit": fit,
         "provenance": provenance,
         "runs": [_run_row(name, run) for name, run in runs.items()],
@@ -173,14 +175,15 @@ def _claim_json(claim: Claim, judged: bool) -> dict[str, Any]:
     return {key: found for key, found in (asdict(claim) | numbers).items() if judged or key != "holds"}
 
 
-def _first_food(runs: dict[str, Run]) -> str:
-    """Of the orbit experiment's learning robot: mean time of the first food, over the trials that found some."""
+def food_after_escape(runs: Mapping[str, Run]) -> str:
+    """How many of the robots that left their orbit by learning then found food, and when on average."""
     if "orbit/learning" not in runs:
         return ""
-    times = first_food(runs["orbit/learning"])
-    ate = times[times == times]
+    run = runs["orbit/learning"]
+    escaped, times = np.isfinite(escapes(run)), first_food(run)
+    ate = times[escaped & np.isfinite(times)]
     mean = f", after {ate.mean():.1f} s on average" if len(ate) else ""
-    return f"{len(ate)} of {len(times)} robots that escaped by learning found food within the trial{mean}."
+    return f"{len(ate)} of {escaped.sum()} robots that escaped by learning found food within the trial{mean}."
 
 
 def _run_row(name: str, run: Run) -> dict[str, str]:
