@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
-from helpers import compose_config
+from helpers import compose_config, hand_made, with_weights
 
 from snnrl.engines import make_engine
 from snnrl.model.network import Network
@@ -19,13 +16,6 @@ from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding,
 from snnrl.thesis.report import food_after_escape
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import Share
-
-
-def hand_made(**parts: Any) -> Run:
-    """A run whose parts are given instead of read from files."""
-    run = Run(Path("nowhere"))
-    run.__dict__.update(parts)
-    return run
 
 
 def orbiting(distance: list[list[float]], food: list[list[float]]) -> Run:
@@ -188,12 +178,6 @@ def test_a_coincidence_is_a_pair_of_spikes_of_joined_neurons() -> None:
 def around(mean: float, trials: int = 10, by: float = 0.01) -> np.ndarray:
     """So many values of that mean, alternately a little below and above."""
     return mean + by * np.tile([-1.0, 1.0], trials // 2)
-
-
-def with_weights(time: np.ndarray, **of_projections: np.ndarray) -> Run:
-    """A run of which the mean weights [T, B] of some projections are known."""
-    weight = np.stack(list(of_projections.values()), 2)
-    return hand_made(series={"time": time, "weight": weight, "projections": np.array(list(of_projections))})
 
 
 def escaping(trials: int) -> Run:

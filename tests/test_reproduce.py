@@ -6,11 +6,13 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 
 from snnrl.thesis import reproduce
-from snnrl.thesis.figures import DRAWINGS
+from snnrl.thesis.dampening import dampened
+from snnrl.thesis.gallery import DRAWINGS
 from snnrl.thesis.published import published
 from snnrl.thesis.report import Provenance, write_report
 from snnrl.thesis.runs import Run
@@ -78,7 +80,7 @@ def test_the_page_is_one_file_with_every_figure(made: Path) -> None:
     page = (report(made) / "report.html").read_text()
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     drawn = {path.stem for path in (report(made) / "figures").glob("*.png")}
-    optional = {"dampening", "failing_trial", "coincidence_food", "coincidence_empty", "calibration", "sensitivity"}
+    optional = {"failing_trial", "coincidence_food", "coincidence_empty", "calibration", "sensitivity"}
     assert {drawing.name for drawing in DRAWINGS} - optional <= drawn
     assert page.count("<figure>") == len(drawn)
 
@@ -88,6 +90,25 @@ def test_the_small_form_is_complete(made: Path) -> None:
     links = re.findall(r"\]\((figures/[^)]+)\)", text)
     assert links
     assert all((made / "results" / link).exists() for link in links)
+
+
+def test_the_close_up_of_dampening_shows_it(made: Path) -> None:
+    content = json.loads((report(made) / "report.json").read_text())
+    seen = dampened(Run(made / content["runs"]["dampening"]))
+    falls = seen.falls.sum(0)
+    assert falls.max() >= 1
+    text = (report(made) / "report.md").read_text()
+    assert f"all its weights fall by 0.1 mV (triangles: {falls.max()} times in 30 s)" in text
+    row, trial = np.argwhere(seen.falls)[0]
+    for half in (seen.attraction, seen.avoidance):
+        assert half[row - 1, trial] - half[row, trial] == pytest.approx(0.1, abs=0.05)
+
+
+def test_captions_are_of_a_quick_reproductions_lengths(made: Path) -> None:
+    text = (report(made) / "report.md").read_text()
+    assert "in the first 20 s of trial 0" in text
+    assert "poison from 40 s on" in text
+    assert not re.search(r"\b(500|1000) s\b", text.partition("## Methods")[2].partition("## Calibration")[0])
 
 
 def test_finished_runs_are_found_by_content_only(

@@ -73,7 +73,7 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
     _, region = best_region(found)
     drawn, axes = figure(1, 2, width=7.2, height=3.3)
     means = [values.mean() for values in found.values()]
-    units = {"potentiation": "", "depression": "", "tau_plus": " (ms)", "tau_minus": " (ms)"}
+    units = {"potentiation": "mV/(uM ms)", "depression": "mV/(uM ms)", "tau_plus": "ms", "tau_minus": "ms"}
     for axis, (x, y) in zip(axes, PLANES, strict=True):
         points = [(point_of(name), name) for name in found if set(point_of(name)) == {x, y}]
         across, up = (sorted({point[key] for point, _ in points}) for key in (x, y))
@@ -92,7 +92,7 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
         axis.grid(False)
         axis.set_xticks(range(len(across)), [f"{value:g}" for value in across])
         axis.set_yticks(range(len(up)), [f"{value:g}" for value in up])
-        axis.set(xlabel=f"{x}{units[x]}", ylabel=f"{y}{units[y]}")
+        axis.set(xlabel=f"{x} ({units[x]})", ylabel=f"{y} ({units[y]})")
     drawn.colorbar(image, ax=axes, label="items in a trial, mean")
     return drawn
 

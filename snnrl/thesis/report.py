@@ -21,8 +21,8 @@ from snnrl.drawing import style
 from snnrl.files import write, write_json
 from snnrl.thesis.claims import Claim, claims, escapes, first_food
 from snnrl.thesis.compare import Cell, compare, finite, tally
-from snnrl.thesis.figures import drawings
 from snnrl.thesis.fit import calibration
+from snnrl.thesis.gallery import drawings
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import RULE, Sample, Share
 
@@ -163,7 +163,7 @@ def _pictures(folder: Path, runs: dict[str, Run]) -> dict[str, list[dict[str, st
             {
                 "name": drawing.name,
                 "section": drawing.section,
-                "caption": drawing.caption,
+                "caption": drawing.told(runs),
                 "data": base64.b64encode(content).decode(),
             }
         )
