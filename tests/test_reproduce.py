@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 import torch
 
-from snnrl.thesis import reproduce
+from snnrl.thesis import fit, reproduce
 from snnrl.thesis.dampening import dampened
 from snnrl.thesis.gallery import DRAWINGS
+from snnrl.thesis.loss import UNIT
 from snnrl.thesis.published import published
 from snnrl.thesis.report import Provenance, write_report
 from snnrl.thesis.runs import Run
@@ -109,6 +110,15 @@ def test_captions_are_of_a_quick_reproductions_lengths(made: Path) -> None:
     assert "in the first 20 s of trial 0" in text
     assert "poison from 40 s on" in text
     assert not re.search(r"\b(500|1000) s\b", text.partition("## Methods")[2].partition("## Calibration")[0])
+
+
+def test_the_report_says_in_which_units_the_fits_numbers_are(made: Path) -> None:
+    record = fit.calibration()
+    assert record is not None
+    assert json.loads((report(made) / "report.json").read_text())["calibration"]["unit"] == record["unit"]
+    section = (report(made) / "report.md").read_text().partition("## Calibration")[2]
+    assert f"The losses and distances of that fit are in {record['unit']}" in section
+    assert ("cannot be compared" in section) is (record["unit"] != UNIT)
 
 
 def test_finished_runs_are_found_by_content_only(

@@ -23,6 +23,7 @@ from snnrl.thesis.claims import Claim, claims, escapes, first_food
 from snnrl.thesis.compare import Cell, compare, finite, tally
 from snnrl.thesis.fit import calibration
 from snnrl.thesis.gallery import drawings
+from snnrl.thesis.loss import UNIT
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import RULE, Sample, Share
 
@@ -128,6 +129,7 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         "pictures": _pictures(folder / "figures", runs),
         "food_after_escape": food_after_escape(runs),
         "fit": fit,
+        "unit": UNIT,
         "provenance": provenance,
         "runs": [_run_row(name, run) for name, run in runs.items()],
         "wall_s": time.perf_counter() - started,
