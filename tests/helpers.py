@@ -1,10 +1,12 @@
-"""Small networks, worlds and whole simulations for the tests."""
+"""Small networks, worlds, whole simulations and finished runs for the tests."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -19,6 +21,7 @@ from snnrl.model.network import Network
 from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Plasticity, Projection
 from snnrl.simulation import Simulation
+from snnrl.thesis.runs import Run
 
 ENGINES = ("reference", "fused")
 EXCITATORY = (0.02, 0.2, -65.0, 8.0)  # a, b, c, d
@@ -167,6 +170,19 @@ def place(
     world.items[trial] = torch.tensor(items, dtype=torch.float64).view(-1, 2)
     world.containers[trial] = torch.tensor(containers, dtype=torch.float64).view(-1, 2)
     world.inside[trial] = inside
+
+
+def hand_made(**parts: Any) -> Run:
+    """A finished run whose parts are given instead of read from files."""
+    run = Run(Path("nowhere"))
+    run.__dict__.update(parts)
+    return run
+
+
+def with_weights(time: np.ndarray, **of_projections: np.ndarray) -> Run:
+    """A finished run of which the mean weights [T, B] of some projections are known."""
+    weight = np.stack(list(of_projections.values()), 2)
+    return hand_made(series={"time": time, "weight": weight, "projections": np.array(list(of_projections))})
 
 
 def make_simulation(*overrides: str) -> Simulation:

@@ -1,12 +1,13 @@
-"""Distances to the published cells, in closed form."""
+"""The search for the free values: what it starts from, measures, records and gives up."""
 
 from __future__ import annotations
 
-import math
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optuna
 import pytest
 import torch
@@ -14,29 +15,11 @@ import yaml
 from helpers import compose_config
 
 from snnrl.builder import build
-from snnrl.thesis import calibrate
-from snnrl.thesis.calibrate import FREE, contrast, fraction_distance, loss, mean_distance, neighbours, present
+from snnrl.thesis import calibrate, fit
+from snnrl.thesis.calibrate import FREE, contrast, neighbours, outcome, present, simulate
+from snnrl.thesis.loss import UNIT, Outcome
 from snnrl.thesis.published import PUBLISHED
 from snnrl.thesis.search import search
-
-
-def test_a_difference_of_means_in_standard_errors() -> None:
-    ours = torch.tensor([10.0, 14.0, 12.0, 16.0], dtype=torch.float64)  # mean 13, variance 20 / 3
-    error = math.sqrt(20 / 3 / 4 + 5.0**2 / 50)
-    assert mean_distance(ours, {"mean": 11.0, "sd": 5.0}, 50) == pytest.approx(2.0 / error)
-
-
-def test_a_difference_of_fractions_in_standard_errors() -> None:
-    ours = torch.tensor([True] * 6 + [False] * 2)
-    p, q = 8 / 12, 27 / 54
-    error = math.sqrt(p * (1 - p) / 12 + q * (1 - q) / 54)
-    assert fraction_distance(ours, 0.5, 50) == pytest.approx((p - q) / error)
-    assert abs(fraction_distance(torch.ones(50, dtype=torch.bool), 1.0, 50)) < 1e-12
-
-
-def test_no_cell_decides_alone() -> None:
-    assert loss({"a": 3.0, "b": -4.0}) == pytest.approx(math.sqrt(12.5))
-    assert loss({"a": 0.0, "b": -1000.0}) == pytest.approx(math.sqrt(50))
 
 
 def test_the_study_starts_from_the_values_in_conf() -> None:
@@ -56,6 +39,35 @@ def test_every_published_cell_is_an_experiment_with_that_robot() -> None:
             assert config.trials == published["trials"]
             if kind == "correct":
                 assert config.experiment.correct
+
+
+def test_every_published_number_is_a_cell_of_the_loss(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = np.array([3.0, 4.0])
+    stub = Outcome(few, few, few > 3, few > 3)
+    monkeypatch.setattr(calibrate, "outcome", lambda *_: stub)
+    for name in ("escape_times", "background_rate"):
+        monkeypatch.setattr(calibrate, name, lambda *_: torch.from_numpy(few))
+    published = yaml.safe_load(PUBLISHED.read_text())
+    expected = {"background rate", "orbit/learning/escaped", "orbit/learning/time"}
+    for kind, quantities in (
+        ("food", ("food", "food spread", "trapped")),
+        ("correct", ("correct",)),
+        ("contrast", ("contrast",)),
+    ):
+        robots = [f"{experiment}/{robot}" for experiment, robots in published[kind].items() for robot in robots]
+        expected |= {f"{robot}/{quantity}" for robot in robots for quantity in quantities}
+    found = list(calibrate.measured({}, 2, 0))
+    assert sorted(name for name, _ in found) == sorted(expected)
+    assert found[0][0] == "food_attraction/learning/food"
+
+
+def test_late_food_is_that_of_the_last_part_of_a_trial() -> None:
+    robot, seed = ("food_attraction", "learning"), 3
+    ours = outcome(*robot, {"seconds": 35.0}, 4, seed)
+    until, _ = simulate(*robot, {"seconds": 24.5}, 4, seed)
+    assert ours.late.sum() > 0
+    assert (ours.food - ours.late).tolist() == until.world.touches[:, 0].tolist()
+    assert ours.contrast is None
 
 
 def test_contrast_of_the_two_container_touches() -> None:
@@ -93,7 +105,27 @@ def test_a_bad_point_is_given_up_early(monkeypatch: pytest.MonkeyPatch) -> None:
     assert study.trials[0].params == present()
     made = calibrate.record(study, optuna.create_study(), "a note")
     assert (len(made["history"]), made["given_up"], made["trials"]) == (6, 1, [5])
+    assert made["unit"] == UNIT
     assert study.best_trial.user_attrs["distances"] == {"a": 1.0, "b": 1.0, "c": 1.0}
+
+
+def test_the_record_of_a_former_fit_says_that_it_is_in_standard_errors(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(fit, "CALIBRATION", tmp_path / "record.json")
+    assert fit.calibration() is None
+    point = {"loss": 2.0, "change": ["", None], "distances": {"a": 1.0}}
+    changed = {"loss": 3.0, "change": ["coding.range_gain", 1.8], "distances": {"a": 2.0}}
+    for unit, record in (("standard errors", {}), (UNIT, {"unit": UNIT})):
+        content = {**record, "history": [{"loss": 2.0}], "sensitivity": [point, changed]}
+        (tmp_path / "record.json").write_text(json.dumps(content))
+        found = fit.calibration()
+        assert found is not None
+        assert found["unit"] == unit
+        for drawn in (fit.history({}), fit.sensitivity({})):
+            assert drawn is not None
+            labels = [axis.get_ylabel() for axis in drawn.axes]
+            assert any(label.endswith(f"({unit})") for label in labels), labels
 
 
 def test_an_interrupted_search_continues(tmp_path: Path) -> None:

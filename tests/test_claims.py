@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
-from helpers import compose_config
+from helpers import compose_config, hand_made, with_weights
 
 from snnrl.engines import make_engine
+from snnrl.model.network import Network
 from snnrl.thesis import claims
-from snnrl.thesis.compare import compare, contrast
+from snnrl.thesis.compare import compare, contrast, tally
 from snnrl.thesis.fit import best_region, describe, grid_points, point_name, point_of
-from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding
+from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding, stdp_window
+from snnrl.thesis.report import food_after_escape
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import Share
-
-
-def hand_made(**parts: Any) -> Run:
-    """A run whose parts are given instead of read from files."""
-    run = Run(Path("nowhere"))
-    run.__dict__.update(parts)
-    return run
 
 
 def orbiting(distance: list[list[float]], food: list[list[float]]) -> Run:
@@ -42,6 +34,18 @@ def test_a_robot_has_escaped_when_it_is_two_radii_away_or_has_eaten() -> None:
     assert claims.escapes(run)[[0, 2]] == pytest.approx([0.21, 0.14])
     assert np.isnan(claims.escapes(run)[1])
     assert claims.first_food(run)[[0, 2]] == pytest.approx([0.28, 0.14])
+
+
+def test_food_after_escape_counts_the_robots_that_escaped() -> None:
+    """Of three robots one escapes and eats, one escapes, and one stays; nobody is counted who stays."""
+    far = 20.0
+    run = orbiting([[4.6, far, 3.0], [4.6, far, far], [4.6, 4.6, 4.6]], [[0.0, 0.0, 14.0], [0.0] * 3, [0.0] * 3])
+    assert food_after_escape({"orbit/learning": run}) == (
+        "1 of 2 robots that escaped by learning found food within the trial, after 0.2 s on average."
+    )
+    stuck = orbiting([[4.6, 4.6]], [[0.0, 0.0]])
+    assert food_after_escape({"orbit/learning": stuck}).startswith("0 of 0 robots")
+    assert food_after_escape({}) == ""
 
 
 def weights(left: np.ndarray, right: np.ndarray) -> dict[str, np.ndarray]:
@@ -95,10 +99,16 @@ def test_published_cells_are_compared_with_the_run_of_that_name() -> None:
     assert cells["food"].difference.value == pytest.approx(0.0)
     shifted = {"food_attraction/random_walk": hand_made(trials={"food": food + 30, "correct": np.ones(50)})}
     assert [cell.verdict for cell in compare(shifted)] == ["differs", "differs"]
-    (_, few) = compare(
+    few = {"food_attraction/random_walk": hand_made(trials={"food": food[:3], "correct": np.zeros(3)})}
+    assert tally([*compare(runs), *compare(shifted), *compare(few)]) == (
+        "2 equivalent, 2 inconclusive, 2 differ of 6 published cells"
+    )
+    (_, half) = compare(
         {"secondary_behaviour/no_container_dopamine": hand_made(trials={"food": food[:4], "correct": np.ones(4)})}
     )
-    assert (few.published, few.ours) == (Share(25, 50), Share(4, 4))  # half of the published trials, all of ours
+    assert (half.published, half.ours) == (Share(25, 50), Share(4, 4))  # half of the published trials, all of ours
+    assert half.to_json()["trials_needed"] is None  # 25 of 50 is too uncertain itself
+    assert not {"verdict", "trials_needed", "margin"} & set(half.to_json(judged=False))
 
 
 def test_contrast_is_a_ratio_by_trial() -> None:
@@ -123,10 +133,27 @@ def test_points_of_the_grid_are_found_by_name() -> None:
 
 
 def test_one_pair_leaves_the_eligibility_of_the_rule() -> None:
-    trace = pair_eligibility(compose_config("+experiment=food_attraction", "trials=1", "dtype=float64"), end=100)
+    config = compose_config("+experiment=food_attraction", "dtype=float64")
+    trace = pair_eligibility(config, np.array([30]), np.array([32]), 100)[:, 0]
     assert not trace[:32].any()
     times = np.arange(32, 100)
     assert trace[32:] == pytest.approx(0.1 * np.exp(-2 / 20) * np.exp(-(times - 32) / 476))
+
+
+@pytest.mark.parametrize(("simultaneous", "at_no_distance"), [("potentiates", 0.1), ("depresses", -0.15)])
+def test_the_window_of_single_pairs_is_the_rules(simultaneous: str, at_no_distance: float) -> None:
+    rule = f"network.plasticity.simultaneous={simultaneous}"
+    times, change = stdp_window(compose_config("+experiment=food_attraction", "dtype=float64", rule), reach=50)
+    before, after = np.arange(-50, 0), np.arange(1, 51)  # of the postsynaptic spike
+    assert times.tolist() == [*before, 0, *after]
+    expected = [*-0.15 * np.exp(before / 110), at_no_distance, *0.1 * np.exp(-after / 20)]
+    assert change == pytest.approx(np.array(expected), rel=1e-12)
+
+
+def test_the_window_is_measured_on_the_network(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Network, "run", lambda *_: None)
+    with pytest.raises(AssertionError, match="did not fire"):
+        stdp_window(compose_config("+experiment=food_attraction"), reach=5)
 
 
 def test_more_sensor_neurons_fire_the_larger_the_value() -> None:
@@ -151,12 +178,6 @@ def test_a_coincidence_is_a_pair_of_spikes_of_joined_neurons() -> None:
 def around(mean: float, trials: int = 10, by: float = 0.01) -> np.ndarray:
     """So many values of that mean, alternately a little below and above."""
     return mean + by * np.tile([-1.0, 1.0], trials // 2)
-
-
-def with_weights(time: np.ndarray, **of_projections: np.ndarray) -> Run:
-    """A run of which the mean weights [T, B] of some projections are known."""
-    weight = np.stack(list(of_projections.values()), 2)
-    return hand_made(series={"time": time, "weight": weight, "projections": np.array(list(of_projections))})
 
 
 def escaping(trials: int) -> Run:

@@ -4,15 +4,14 @@
     python -m snnrl.calibrate --sensitivity    # change the values in conf/ one at a time
     python -m snnrl.calibrate --record NOTE    # write what the study holds into the package, for the report
 
-The study is kept in the file; running the command again continues it. Seeds of the fit start at 1,000,000,
-far from those of the runs that are reported.
+The loss is that of `snnrl.thesis.loss`. The study is kept in the file; running the command again continues it.
+Seeds of the fit start at 1,000,000, far from those of the runs that are reported.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,13 +22,15 @@ from torch import Tensor
 
 from snnrl.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.engines import make_engine
+from snnrl.configuration.schema import Config
+from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
 from snnrl.recording.criteria import correct
 from snnrl.simulation import Simulation
 from snnrl.thesis.claims import escape_rule
-from snnrl.thesis.fit import CALIBRATION, FARTHEST
-from snnrl.thesis.published import published as published_cells
+from snnrl.thesis.fit import CALIBRATION
+from snnrl.thesis.loss import UNIT, Cells, Outcome, background_cells, loss, orbit_cells, run_cells, tail
+from snnrl.thesis.published import published
 
 FIRST_SEED = 1_000_000
 TELLING = (  # runs that tell a good point from a bad one in little time
@@ -90,23 +91,46 @@ def present() -> dict[str, Any]:
     return {name: value(name) for name in FREE}
 
 
-def simulate(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> tuple[Simulation, Any]:
-    """One cell's run at its published length."""
+def prepare(
+    experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int
+) -> tuple[Simulation, Config, Engine]:
+    """One cell's run at its published length, not yet begun."""
     options = {"trials": trials, "seed": seed, "robot": robot, **values}
     if "container" not in compose(f"+experiment={experiment}").body()[1].ranges:
         options.pop(CONTAINERS, None)
     config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
-    simulation = build(config)
-    make_engine("auto", config.device).run(simulation, round(1000 * config.seconds / simulation.coding.tick))
+    return build(config), config, make_engine("auto", config.device)
+
+
+def simulate(
+    experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int
+) -> tuple[Simulation, Config]:
+    """One cell's run, ended."""
+    simulation, config, engine = prepare(experiment, robot, values, trials, seed)
+    engine.run(simulation, round(1000 * config.seconds / simulation.coding.tick))
     return simulation, config
+
+
+def outcome(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> Outcome:
+    """What one cell's run came to."""
+    simulation, config, engine = prepare(experiment, robot, values, trials, seed)
+    ticks, last = (round(1000 * s / simulation.coding.tick) for s in (config.seconds, tail(config.seconds)))
+    engine.run(simulation, ticks - last)
+    before = simulation.world.touches[:, 0].clone()
+    engine.run(simulation, last)
+    food = simulation.world.touches[:, 0]
+    told_apart = published()["contrast"].get(experiment, {}).get(robot)
+    return Outcome(
+        food.double().numpy(),
+        (food - before).numpy(),
+        correct(simulation.network, config.experiment.correct).numpy(),
+        contrast(simulation, told_apart["factor"]).numpy() if told_apart else None,
+    )
 
 
 def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
     """When the learning robot leaves its orbit (s), nan where it does not, [B]."""
-    options = {"trials": trials, "seed": seed, **values}
-    options.pop(CONTAINERS, None)
-    config = compose("+experiment=orbit", *(f"{key}={value}" for key, value in options.items()))
-    simulation, engine = build(config), make_engine("auto", config.device)
+    simulation, config, engine = prepare("orbit", "learning", values, trials, seed)
     times = torch.full((trials,), torch.nan, dtype=torch.float64)
     coding, world = config.body()
     limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
@@ -119,10 +143,8 @@ def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
 
 def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 140.0) -> Tensor:
     """Firing of the dopaminergic neurons where there is no food to touch, without the start (Hz), [B]."""
-    options = {"trials": trials, "seed": seed, "robot": "random_walk", "world.free_items": 0, **values}
-    options.pop(CONTAINERS, None)
-    config = compose("+experiment=food_attraction", *(f"{key}={value}" for key, value in options.items()))
-    simulation, engine = build(config), make_engine("auto", config.device)
+    empty = {"world.free_items": 0, **values}
+    simulation, _, engine = prepare("food_attraction", "random_walk", empty, trials, seed)
     network, tick = simulation.network, simulation.tick_length
     assert network.dopamine is not None
     source = network.dopamine.source
@@ -135,20 +157,6 @@ def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: 
     return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
 
 
-def fraction_distance(ours: Tensor, published: float, trials: int) -> float:
-    """Difference of two fractions in standard errors, each shrunk by two successes and two failures."""
-    n = len(ours)
-    p, q = (float(ours.sum()) + 2) / (n + 4), (published * trials + 2) / (trials + 4)
-    return (p - q) / math.sqrt(p * (1 - p) / (n + 4) + q * (1 - q) / (trials + 4))
-
-
-def mean_distance(ours: Tensor, published: Mapping[str, float], trials: int) -> float:
-    """Difference of two means in standard errors of the difference; an unpublished spread is taken to be ours."""
-    spread = published.get("sd", float(ours.std()))
-    variance = float(ours.var()) / len(ours) + spread**2 / trials
-    return (float(ours.mean()) - published["mean"]) / math.sqrt(variance)
-
-
 def contrast(simulation: Simulation, factor: float) -> Tensor:
     """Whether the food container's touch excites dopamine more than `factor` times the empty one's, bool [B]."""
     food, empty = (
@@ -158,46 +166,24 @@ def contrast(simulation: Simulation, factor: float) -> Tensor:
     return food > factor * empty
 
 
-def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
-    """Name and signed distance of every published cell, in its units of uncertainty, the most telling ones first."""
-    published = published_cells()
-    count = published["trials"]
-    for experiment, robot in runs_of(published):
-        simulation, config = simulate(experiment, robot, values, trials, seed)
-        name = f"{experiment}/{robot}"
-        if cell := published["food"].get(experiment, {}).get(robot):
-            yield f"{name}/food", mean_distance(simulation.world.touches[:, 0].double(), cell, count)
-        if (cell := published["correct"].get(experiment, {}).get(robot)) is not None:
-            learnt = correct(simulation.network, config.experiment.correct)
-            yield f"{name}/correct", fraction_distance(learnt, cell, count)
-        if cell := published["contrast"].get(experiment, {}).get(robot):
-            clear = contrast(simulation, cell["factor"])
-            yield f"{name}/contrast", fraction_distance(clear, cell["fraction"], count)
-    rate = background_rate(values, trials, seed)
-    said = published["said"]["background_rate"]
-    yield "background rate", float(rate.mean() - said["mean"]) / said["rounding"]
-    escaped = published["escaped"]
-    times = escape_times(values, escaped["trials"], seed)
-    there = ~times.isnan()
-    yield "orbit/learning/escaped", fraction_distance(there, 1.0, escaped["trials"])
-    if there.sum() > 1:
-        yield "orbit/learning/time", mean_distance(times[there], escaped["orbit"]["learning"], escaped["trials"])
+def measured(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
+    """Name and distance of every cell of the loss, the most telling ones first."""
+    theirs = published()
+    for experiment, robot in runs_of(theirs):
+        yield from run_cells(experiment, robot, outcome(experiment, robot, values, trials, seed), theirs)
+    yield from background_cells(background_rate(values, trials, seed).numpy(), theirs)
+    yield from orbit_cells(escape_times(values, theirs["escaped"]["trials"], seed).numpy(), theirs)
 
 
-def runs_of(published: Mapping[str, Any]) -> list[tuple[str, str]]:
+def runs_of(theirs: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Experiment and robot of every run with a published cell, those of TELLING first."""
     runs = {
         (experiment, robot)
         for kind in ("food", "correct", "contrast")
-        for experiment, robots in published[kind].items()
+        for experiment, robots in theirs[kind].items()
         for robot in robots
     }
     return [*TELLING, *sorted(runs.difference(TELLING))]
-
-
-def loss(found: Mapping[str, float]) -> float:
-    """Root mean square distance, each limited to FARTHEST."""
-    return math.sqrt(sum(min(abs(value), FARTHEST) ** 2 for value in found.values()) / len(found))
 
 
 def search(study: optuna.Study, points: int, trials: int) -> None:
@@ -254,6 +240,7 @@ def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str,
     return {
         "values": present(),
         "note": note,
+        "unit": UNIT,
         "first_seed": FIRST_SEED,
         "given_up": len(fit.get_trials(states=[optuna.trial.TrialState.PRUNED])),
         "trials": sorted({trial.user_attrs["trials"] for trial in finished}),
@@ -277,7 +264,7 @@ def main() -> None:
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     fit, sensitivity = (
         optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)
-        for name in ("calibration", "sensitivity")
+        for name in ("calibration by published spreads", "sensitivity by published spreads")
     )
     if arguments.record is not None:
         write_json(CALIBRATION, record(fit, sensitivity, arguments.record))

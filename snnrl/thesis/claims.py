@@ -42,16 +42,20 @@ class Claim:
     holds: bool
 
 
-def taxis(run: Run, kind: str, sense: str, response: str) -> np.ndarray:
-    """`weight` or `eligibility`, mean of both sides, [T, B].
+def pathways(sense: str, response: str) -> list[str]:
+    """The projections of a response, those of the left and of the right sensor.
 
     Args:
         sense: food or container.
         response: attraction (left sensor to right motor, right to left) or avoidance.
     """
-    other = {"left": "right", "right": "left"}
-    ends = [(side, other[side] if response == "attraction" else side) for side in SIDES]
-    return np.mean([run.of_projection(kind, f"{s}_{sense}_to_{m}_motor") for s, m in ends], 0)
+    motors = reversed(SIDES) if response == "attraction" else SIDES
+    return [f"{side}_{sense}_to_{motor}_motor" for side, motor in zip(SIDES, motors, strict=True)]
+
+
+def taxis(run: Run, kind: str, sense: str, response: str) -> np.ndarray:
+    """`weight` or `eligibility`, mean over the `pathways` of a response, [T, B]."""
+    return np.mean([run.of_projection(kind, name) for name in pathways(sense, response)], 0)
 
 
 def escape_rule(slow: float, fast: float, tick: int, axle: float) -> float:
@@ -148,21 +152,24 @@ def _arrives(statement: str, measured: str, times: np.ndarray, said: float) -> C
 
 def attraction_settles(runs: Runs) -> Claim:
     run = runs["food_attraction/learning"]
+    said = published()["said"]["attraction_settled"]
+    width = max(1, len(run.time) // 20)
     return _arrives(
-        "Food attraction has settled after about 200 s.",
-        "time until the rate over the last 50 s reaches 90 % of the final rate",
-        settled(run.time, smooth(run.series["collection_rate"], max(1, len(run.time) // 20))),
-        published()["said"]["attraction_settled"],
+        f"Food attraction has settled after about {said:g} s.",
+        f"time until the rate over the last {width * np.diff(run.time).mean():.2g} s reaches 90 % of the final rate",
+        settled(run.time, smooth(run.series["collection_rate"], width)),
+        said,
     )
 
 
 def weights_saturate(runs: Runs) -> Claim:
     run = runs["food_attraction/learning"]
+    said = published()["said"]["weights_saturated"]
     return _arrives(
-        "Attraction weights have risen to their maximum after about 100 s.",
+        f"Attraction weights have risen to their maximum after about {said:g} s.",
         "time until the mean attraction weight reaches 90 % of its final value",
         settled(run.time, taxis(run, "weight", "food", "attraction")),
-        published()["said"]["weights_saturated"],
+        said,
     )
 
 

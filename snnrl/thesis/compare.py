@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,10 +31,13 @@ class Cell:
 
     @property
     def verdict(self) -> str:
-        return "equivalent" if self.difference.equivalent else "differs"
+        return self.difference.verdict
 
-    def to_json(self) -> dict[str, Any]:
+    def to_json(self, judged: bool = True) -> dict[str, Any]:
+        """All of it; `trials_needed` is null where no number would do. Not `judged`, without what a verdict says."""
         d = self.difference
+        needed = int(d.trials_needed) if np.isfinite(d.trials_needed) else None
+        judgement = {"margin": d.margin, "trials_needed": needed, "verdict": self.verdict}
         return {
             "experiment": self.experiment,
             "robot": self.robot,
@@ -44,13 +48,22 @@ class Cell:
             "difference": finite(d.value),
             "interval": [finite(d.low), finite(d.high)],
             "effect_size": finite(d.effect),
-            "verdict": self.verdict,
+            **(judgement if judged else {}),
         }
 
 
 def finite(value: float) -> float | None:
     """The value, or None for what JSON cannot hold."""
     return float(value) if np.isfinite(value) else None
+
+
+def tally(cells: Sequence[Cell]) -> str:
+    """How many cells got which verdict, in words."""
+    count = Counter(cell.verdict for cell in cells)
+    return (
+        f"{count['equivalent']} equivalent, {count['inconclusive']} inconclusive, {count['differs']} differ "
+        f"of {len(cells)} published cells"
+    )
 
 
 def contrast(run: Run, factor: float) -> np.ndarray:

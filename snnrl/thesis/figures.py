@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 import torch
@@ -16,29 +15,36 @@ from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config
 from snnrl.drawing import style
 from snnrl.drawing.pictures import draw_world
-from snnrl.drawing.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, ROBOTS, band, figure, mark
+from snnrl.drawing.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, PUBLISHED, ROBOTS, band, figure, mark
 from snnrl.engines import make_engine
 from snnrl.recording.criteria import LEAD, STRENGTH
-from snnrl.thesis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, smooth, taxis
-from snnrl.thesis.fit import heat_maps, history, sensitivity
+from snnrl.thesis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, pathways, smooth, taxis
+from snnrl.thesis.dampening import dampened
 from snnrl.thesis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.thesis.published import published
 from snnrl.thesis.runs import Run
 
 RATE = "collection rate (items/s)"
 WEIGHT = "mean weight (mV)"
-ELIGIBILITY = "mean eligibility"
+ELIGIBILITY = "mean eligibility (mV/(uM ms))"
+SMOOTH = 0.5  # s, of firing rates
+START, GAP = 30, 2  # ms, of the pair of spikes whose eligibility is drawn
 
 
-@dataclass(frozen=True)
-class Drawing:
-    """A figure: the thesis's section, what it shows, which runs it is drawn from, and how."""
+def interval(run: Run) -> float:
+    """Between two samples, s."""
+    return round(float(np.diff(run.time[:2])[0]), 6)
 
-    name: str
-    section: str
-    caption: str
-    needs: tuple[str, ...]
-    draw: Callable[[Runs], Figure | None]
+
+def window_of(run: Run, seconds: float) -> tuple[int, str]:
+    """Samples in about so many s, at least one, and how long they are in words."""
+    samples = max(1, round(seconds / interval(run)))
+    return samples, f"{samples * interval(run):.2g} s"
+
+
+def length(run: Run) -> str:
+    """In words."""
+    return f"{run.config['seconds']:g} s"
 
 
 def rates(runs: Runs, experiment: str, robots: tuple[str, ...], bins: int = 100) -> Figure:
@@ -75,6 +81,7 @@ def dual_rates(runs: Runs) -> Figure:
 
 
 def switch(run: Run) -> float:
+    """When food turns to poison, s."""
     return float(run.config["world"]["poison_from"])
 
 
@@ -215,7 +222,7 @@ def orbit_firing(runs: Runs) -> Figure:
     drawn, axes = figure(2, 1, height=4.2, sharex=True)
     for axis, kind in zip(axes, ("food", "motor"), strict=True):
         for side, colour in zip(SIDES, ("#332288", "#CC6677"), strict=True):
-            values = smooth(run.firing_rate(f"{side}_{kind}"), 7)[:, 0]
+            values = smooth(run.firing_rate(f"{side}_{kind}"), window_of(run, SMOOTH)[0])[:, 0]
             axis.plot(run.time, values, color=colour, label=f"{side} {kind}")
         mark(axis, float(escapes(run)[0]), "leaves its orbit", vertical=True)
         axis.set(ylabel="firing rate (Hz)", ylim=(0, None))
@@ -225,23 +232,23 @@ def orbit_firing(runs: Runs) -> Figure:
 
 
 def first_eligibility(runs: Runs) -> Figure:
-    run = runs["first_30_s"]
+    run = runs["first_eligibility"]
     drawn, axis = figure()
     one_side(axis, run, kind="eligibility")
     for k, time in enumerate(run.time[run.series["collection_rate"][:, 0] > 0]):
         axis.axvline(time, color=FOOD, linewidth=1.0, label="food" if k == 0 else None)
-    axis.legend(loc="lower left", ncols=3)
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=2)
     return drawn
 
 
 def single_trial(runs: Runs) -> Figure:
-    run = runs["first_500_s"]
+    run = runs["single_trial"]
     drawn, axes = figure(2, 1, height=4.6, sharex=True)
-    width = max(1, len(run.time) // 100)
+    width, meaning = window_of(run, run.time[-1] / 100)
     for motor, colour, name in (("right", ATTRACTION, "attraction"), ("left", AVOIDANCE, "avoidance")):
         values = run.of_projection("eligibility", f"left_food_to_{motor}_motor")[:, 0]
         axes[0].plot(run.time, values, color=colour, alpha=0.2, linewidth=0.6)
-        axes[0].plot(run.time, smooth(values, width), color=colour, label=f"{name}, mean of 5 s")
+        axes[0].plot(run.time, smooth(values, width), color=colour, label=f"{name}, mean of {meaning}")
     axes[0].set(ylabel=ELIGIBILITY)
     axes[0].legend(loc="upper right", ncols=2)
     one_side(axes[1], run)
@@ -282,7 +289,7 @@ def poison_eligibility(runs: Runs) -> Figure:
     axis.plot([], [], color=POISON, linestyle=":", label="poison taken")
     axis.set(xlim=(run.time[1], run.time[-1]))
     mark(axis, switch(run), "food turns to poison", vertical=True)
-    axis.legend(loc="lower right", ncols=2)
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=2)
     return drawn
 
 
@@ -304,44 +311,63 @@ def poison_weights(runs: Runs) -> Figure:
     return drawn
 
 
-def lead(run: Run, side: str, trial: int) -> float:
-    """By how much (mV) a side's container attraction exceeds what counts as learnt, at the end of a trial."""
-    other = {"left": "right", "right": "left"}[side]
-    attraction, avoidance = (
-        float(run.of_projection("weight", f"{side}_container_to_{motor}_motor")[-1, trial]) for motor in (other, side)
-    )
-    return min(attraction - STRENGTH, attraction - LEAD * avoidance)
+def leads(run: Run) -> np.ndarray:
+    """By how much (mV) container attraction exceeds what counts as learnt at the end, of each side and trial [2, B]."""
+    ends = [
+        [run.of_projection("weight", name)[-1] for name in pathways("container", response)]
+        for response in ("attraction", "avoidance")
+    ]
+    attraction, avoidance = np.array(ends)
+    return np.asarray(np.minimum(attraction - STRENGTH, attraction - LEAD * avoidance))
 
 
-def failing_trial(runs: Runs) -> Figure | None:
-    """The first trial that did not learn to be attracted, of fixed container dopamine or else of dual learning."""
+def failure(runs: Runs) -> tuple[str, int, str] | None:
+    """The first trial that did not learn to be attracted by containers: its run, its row, and the side that fails most.
+
+    Of fixed container dopamine or else of dual learning.
+    """
     for name in ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"):
-        failed = np.flatnonzero(runs[name].trials["correct"] == 0)
+        found = leads(runs[name])
+        failed = np.flatnonzero((runs[name].trials["correct"] == 0) & (found.min(0) <= 0))
         if len(failed):
-            trial = int(failed[0])
-            side = min(SIDES, key=lambda side: lead(runs[name], side, trial))
-            drawn, axis = figure()
-            one_side(axis, runs[name], trial, sense="container", side=side)
-            axis.set(title=f"{style.robot_name(runs[name].robot)}, trial {failed[0]}", ylim=(0, 3.6))
-            mark(axis, STRENGTH, "attraction must exceed")
-            axis.legend(loc="upper left")
-            return drawn
+            return name, int(failed[0]), SIDES[int(found[:, failed[0]].argmin())]
     return None
 
 
-def dampening(runs: Runs) -> Figure | None:
-    """Food taxis weights while their mean is at the limit."""
-    if "dampening" not in runs:
+def failing_trial(runs: Runs) -> Figure | None:
+    found = failure(runs)
+    if found is None:
         return None
-    run = runs["dampening"]
+    name, row, side = found
     drawn, axis = figure()
-    weights = {response: taxis(run, "weight", "container", response)[1:, 0] for response in ("attraction", "avoidance")}
-    time = run.time[1:]
-    axis.plot(time, weights["attraction"], color=ATTRACTION, label="attraction")
-    axis.plot(time, weights["avoidance"], color=AVOIDANCE, label="avoidance")
-    axis.plot(time, 0.5 * sum(weights.values()), color=OTHER, linewidth=1.0, label="mean of the set")
-    axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(time[0], time[-1]))
-    axis.legend(loc="center right")
+    one_side(axis, runs[name], row, sense="container", side=side)
+    avoidance = runs[name].of_projection("weight", f"{side}_container_to_{side}_motor")[:, row]
+    axis.plot(runs[name].time, LEAD * avoidance, ":", color=OTHER, linewidth=1.0, label=f"{LEAD:g} times avoidance")
+    axis.set(ylim=(0, 3.6))
+    mark(axis, STRENGTH, "attraction must exceed")
+    axis.legend(loc="upper left")
+    return drawn
+
+
+def dampening(runs: Runs) -> Figure:
+    """Food taxis weights while their mean is at its limit."""
+    run = runs["dampening"]
+    seen = dampened(run)
+    trial = int(seen.falls.sum(0).argmax())
+    drawn, axis = figure()
+    for values, colour, name in (
+        (seen.attraction, ATTRACTION, "attraction"),
+        (seen.avoidance, AVOIDANCE, "avoidance"),
+        (seen.mean, OTHER, "mean of the set"),
+    ):
+        axis.plot(run.time, values[:, trial], color=colour, linewidth=1.2, label=name)
+    falls = seen.falls[:, trial]
+    axis.plot(run.time[falls], np.full(falls.sum(), seen.limit + 0.03), "v", color="black", ms=4, label="all fall")
+    axis.axhline(seen.limit, **PUBLISHED, label="limit of the mean")
+    for k, time in enumerate(run.time[run.series["collection_rate"][:, trial] > 0]):
+        axis.axvline(time, color=FOOD, linewidth=0.8, alpha=0.6, zorder=0, label="food" if k == 0 else None)
+    axis.set(xlabel="time (s)", ylabel=WEIGHT, xlim=(0, run.time[-1]))
+    axis.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=3)
     return drawn
 
 
@@ -349,12 +375,14 @@ def window(_: Runs) -> Figure:
     drawn, axes = figure(1, 2, height=2.8)
     config = compose("+experiment=food_attraction", "trials=1")
     times, change = stdp_window(config)
-    for part, colour in ((times >= 0, ATTRACTION), (times < 0, AVOIDANCE)):
+    for part, colour in ((change >= 0, ATTRACTION), (change < 0, AVOIDANCE)):
         axes[0].plot(times[part], change[part], color=colour)
-    axes[0].set(xlabel=r"$t_{post} - t_{pre}$ (ms)", ylabel="change of eligibility", title="STDP window")
-    eligibility = pair_eligibility(config)
+    axes[0].set(xlabel=r"$t_{post} - t_{pre}$ (ms)", ylabel="change of eligibility (mV/(uM ms))", title="STDP window")
+    eligibility = pair_eligibility(config, np.array([START]), np.array([START + GAP]), 1500)
     axes[1].plot(np.arange(len(eligibility)) / 1000, eligibility, color=ATTRACTION)
-    axes[1].set(xlabel="time (s)", ylabel="eligibility", title="after one pair, 2 ms apart", ylim=(0, None))
+    axes[1].set(
+        xlabel="time (s)", ylabel="eligibility (mV/(uM ms))", title=f"after one pair, {GAP} ms apart", ylim=(0, None)
+    )
     return drawn
 
 
@@ -363,10 +391,12 @@ def encoding(_: Runs) -> Figure:
     drawn, axes = figure(2, 1, height=3.6, sharex=True, height_ratios=(1, 3))
     time = np.arange(len(values)) / 1000
     axes[0].plot(time, values, color=OTHER)
-    axes[0].set(ylabel="sensor value")
+    axes[0].set(ylabel="sensor value\n(0 to 1)")
     rows, neurons = raster.nonzero()
     axes[1].plot(time[rows], neurons + 1, "|", color="#332288", ms=4, mew=0.8)
-    axes[1].set(xlabel="time (s)", ylabel="left food neuron", ylim=(0, raster.shape[1] + 1), xlim=(0, time[-1]))
+    axes[1].set(
+        xlabel="time (s)", ylabel="left food neuron (number)", ylim=(0, raster.shape[1] + 1), xlim=(0, time[-1])
+    )
     return drawn
 
 
@@ -379,11 +409,11 @@ def unrolled(run: Run, trial: int = 0) -> np.ndarray:
 
 
 def walk_path(runs: Runs) -> Figure:
-    path = unrolled(runs["random_walk_path"])
+    path = unrolled(runs["random_walk"])
     drawn, axis = figure(width=4.6, height=4.2)
     axis.plot(*path.T, color=ROBOTS["random_walk"], linewidth=1.0)
     axis.plot(*path[0], "o", color="#332288", label="start")
-    axis.plot(*path[-1], "s", color="#CC6677", label="after 30 s")
+    axis.plot(*path[-1], "s", color="#CC6677", label=f"after {length(runs['random_walk'])}")
     axis.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal")
     axis.legend()
     return drawn
@@ -393,7 +423,7 @@ def orbit_path(runs: Runs) -> Figure:
     drawn, axes = figure(1, 2, width=6.4, height=3.6)
     for axis, robot in zip(axes, ("learning_disabled", "learning"), strict=True):
         run = runs[f"orbit/{robot}"]
-        seconds = 10.0 if robot == "learning" else 3.0
+        seconds = min(10.0 if robot == "learning" else 3.0, run.config["seconds"])
         path = unrolled(run)[run.time <= seconds]
         axis.plot(*path.T, ".-", color=ROBOTS[robot], ms=3, linewidth=0.7)
         centre = path[:14].mean(0)  # a whole round of the orbit
@@ -426,7 +456,7 @@ def draw_coincidence(found: Coincidence | None, before: int) -> Figure | None:
         axes[0].plot(time[spikes > 0], np.full(int(spikes.sum()), row), "|", color=colour, ms=12, mew=1.6)
     axes[0].set(yticks=(0, 1), yticklabels=("dopaminergic", "touch"), ylim=(-0.6, 1.6))
     for axis, values, label in (
-        (axes[1], found.eligibility, "eligibility"),
+        (axes[1], found.eligibility, "eligibility\n(mV/(uM ms))"),
         (axes[2], found.dopamine, "dopamine (uM)"),
         (axes[3], found.weight, "weight (mV)"),
     ):
@@ -449,226 +479,3 @@ def chance(robot: str, touch: str, rewarded: bool) -> Callable[[Runs], Figure | 
         return draw_coincidence(found, 500)
 
     return draw
-
-
-ORBIT = tuple(f"orbit/{robot}" for robot in ("learning_disabled", "learning", "positive_baseline"))
-FIVE = tuple(f"secondary_behaviour/{robot}" for robot in FIVE_ROBOTS)
-DUAL = tuple(f"dual_learning/{robot}" for robot in ("random_walk", "learning", "benchmark"))
-STIMULUS = ("secondary_stimulus/learning", "secondary_stimulus/no_burst_threshold")
-
-DRAWINGS = (
-    Drawing(
-        "environments",
-        "3.1",
-        "The three worlds at the start of trial 0: item discs, containers, robot.",
-        (),
-        environments,
-    ),
-    Drawing(
-        "sensor_encoding",
-        "3.5",
-        "Spikes of 20 sensor neurons as the sensor's value rises from 0 to 1, one pulse every 70 ms.",
-        (),
-        encoding,
-    ),
-    Drawing(
-        "stdp_window",
-        "3.7",
-        "The STDP window, and the eligibility of one synapse after one pair of spikes.",
-        (),
-        window,
-    ),
-    Drawing(
-        "coincidence_food",
-        "3.8",
-        "How the food container's touch comes to release dopamine: a chance pair of spikes is still "
-        "eligible when food is taken.",
-        ("secondary_stimulus/learning",),
-        chance("learning", "food_container", True),
-    ),
-    Drawing(
-        "dampening",
-        "3.9",
-        "Homeostasis makes attraction and avoidance compete: every time the set's mean reaches its "
-        "limit all its weights fall by 0.1 mV.",
-        ("secondary_behaviour/fixed_container_dopamine",),
-        dampening,
-    ),
-    Drawing(
-        "stdp_search",
-        "3.7",
-        "Food collected over two planes of STDP's parameters through the values used (centre); dots: "
-        "not worse than the best (one-sided Welch test, 5 %).",
-        ("stdp_search",),
-        heat_maps,
-    ),
-    Drawing(
-        "random_walk",
-        "3.11",
-        "The path of a robot that senses nothing, for 30 s, unrolled from the torus.",
-        ("random_walk_path",),
-        walk_path,
-    ),
-    Drawing(
-        "orbit_path",
-        "4.1",
-        "A robot attracted with full weights orbits the item (left, not learning); hunger gets it off"
-        " (right). A dot every 70 ms.",
-        ORBIT,
-        orbit_path,
-    ),
-    Drawing(
-        "orbit_distance",
-        "4.1",
-        "Distance to the item in trial 0 of each robot; green: the learning robot takes food. Ticks "
-        "at the bottom: escapes of all its trials.",
-        ORBIT,
-        orbit_distance,
-    ),
-    Drawing(
-        "orbit_weights",
-        "4.1",
-        "Weights of trial 0 in orbit. Under hunger the active pathway weakens and the inactive one of"
-        " the same sensor rises; with a positive baseline the orbit is reinforced.",
-        ORBIT,
-        orbit_weights,
-    ),
-    Drawing(
-        "orbit_firing",
-        "4.1",
-        "Firing rates in trial 0 (mean of 0.5 s): the left motor catches up with the right one until the robot leaves.",
-        ORBIT,
-        orbit_firing,
-    ),
-    Drawing(
-        "food_rates",
-        "4.2",
-        "Food collected per s, mean over trials with its 95 % interval and, paler, the standard deviation over trials.",
-        ("food_attraction/learning", "food_attraction/random_walk"),
-        food_rates,
-    ),
-    Drawing(
-        "food_weights",
-        "4.2",
-        "Mean weights over trials in food attraction; areas as above.",
-        ("food_attraction/learning",),
-        food_weights,
-    ),
-    Drawing(
-        "first_eligibility",
-        "4.2",
-        "Mean eligibility of the left sensor's synapses in the first 30 s of trial 0.",
-        ("first_30_s",),
-        first_eligibility,
-    ),
-    Drawing(
-        "single_trial",
-        "4.2",
-        "Eligibility and weights of the left sensor's synapses in the first 500 s of trial 0.",
-        ("first_500_s",),
-        single_trial,
-    ),
-    Drawing(
-        "weight_matrix",
-        "4.2",
-        "Weights at the end of trial 0. Rows that are dark on one side only are motor neurons that "
-        "answer to one sensor only.",
-        ("food_attraction/learning",),
-        weight_matrix,
-    ),
-    Drawing(
-        "poison_rates",
-        "4.3",
-        "Items collected per s; they are poison from 1000 s on.",
-        ("food_poison/learning", "food_poison/random_walk"),
-        poison_rates,
-    ),
-    Drawing(
-        "poison_eligibility",
-        "4.3",
-        "Mean eligibility of the left sensor's synapses in trial 0 around the switch.",
-        ("poison_switch",),
-        poison_eligibility,
-    ),
-    Drawing(
-        "poison_weights",
-        "4.3",
-        "Mean weights over trials before and after the switch, and a close-up of what remains.",
-        ("food_poison/learning",),
-        poison_weights,
-    ),
-    Drawing(
-        "stimulus_weights",
-        "4.4",
-        "The touch of the food container comes to excite dopaminergic neurons, that of the empty one "
-        "does not, thanks to the burst threshold.",
-        STIMULUS,
-        stimulus_weights,
-    ),
-    Drawing(
-        "coincidence_empty",
-        "4.4",
-        "Without the threshold a chance pair at an empty container releases dopamine itself and "
-        "strengthens its own synapse.",
-        ("secondary_stimulus/no_burst_threshold",),
-        chance("no_burst_threshold", "empty_container", False),
-    ),
-    Drawing("robots_rates", "4.5", "Food collected per s by the five robots.", FIVE, robots_rates),
-    Drawing(
-        "robots_totals",
-        "4.5",
-        "Food of each trial, mean and standard deviation, beside the published ones.",
-        FIVE,
-        food_totals,
-    ),
-    Drawing(
-        "container_touch",
-        "4.5",
-        "Weights from the food container's touch to dopaminergic neurons in the robot that learns them.",
-        ("secondary_behaviour/container_dopamine_learning",),
-        container_touch_weights,
-    ),
-    Drawing(
-        "fixed_weights",
-        "4.5",
-        "Mean container weights over trials of the robot whose container dopamine is fixed.",
-        ("secondary_behaviour/fixed_container_dopamine",),
-        fixed_weights,
-    ),
-    Drawing(
-        "failing_trial",
-        "4.5",
-        "A trial that fails, on the side that fails.",
-        ("secondary_behaviour/fixed_container_dopamine", "dual_learning/learning"),
-        failing_trial,
-    ),
-    Drawing(
-        "dual_rates", "4.6", "Food collected per s when both behaviours are learnt from nothing.", DUAL, dual_rates
-    ),
-    Drawing(
-        "dual_weights",
-        "4.6",
-        "Mean weights over trials of the robot that learns both behaviours.",
-        ("dual_learning/learning",),
-        dual_weights,
-    ),
-    Drawing("calibration", "fit", "The search for the free values: distance to all published cells.", (), history),
-    Drawing(
-        "sensitivity",
-        "fit",
-        "How sharply each cell pins each free value: change of its distance when one value is changed.",
-        (),
-        sensitivity,
-    ),
-)
-
-
-def drawings(runs: Mapping[str, Run]) -> list[tuple[Drawing, Figure]]:
-    """All whose runs are there and that have something to show."""
-    result = []
-    for drawing in DRAWINGS:
-        if all(name in runs or any(run.startswith(f"{name}/") for run in runs) for name in drawing.needs):
-            drawn = drawing.draw(runs)
-            if drawn is not None:
-                result.append((drawing, drawn))
-    return result

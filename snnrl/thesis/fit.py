@@ -13,17 +13,18 @@ from scipy import stats
 
 from snnrl.configuration.schema import PlasticityConfig
 from snnrl.drawing.style import OTHER, figure
+from snnrl.thesis.loss import FARTHEST
 from snnrl.thesis.runs import Run
 
 CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record
-FARTHEST = 10.0  # standard errors that a cell counts in the calibration's loss, so that no single one decides alone
+FORMER_UNIT = "standard errors"  # of a record that does not say its unit: of the difference, our spread included
 PLANES = (("potentiation", "depression"), ("tau_plus", "tau_minus"))
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # on the values in conf/
 
 
 def calibration() -> dict[str, Any] | None:
-    """The record of the fit that conf/ holds; None before there is one."""
-    return dict(json.loads(CALIBRATION.read_text())) if CALIBRATION.exists() else None
+    """The record of the fit that conf/ holds, `unit` that of its losses and distances; None before there is one."""
+    return {"unit": FORMER_UNIT, **json.loads(CALIBRATION.read_text())} if CALIBRATION.exists() else None
 
 
 def point_name(values: Mapping[str, float]) -> str:
@@ -73,7 +74,7 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
     _, region = best_region(found)
     drawn, axes = figure(1, 2, width=7.2, height=3.3)
     means = [values.mean() for values in found.values()]
-    units = {"potentiation": "", "depression": "", "tau_plus": " (ms)", "tau_minus": " (ms)"}
+    units = {"potentiation": "mV/(uM ms)", "depression": "mV/(uM ms)", "tau_plus": "ms", "tau_minus": "ms"}
     for axis, (x, y) in zip(axes, PLANES, strict=True):
         points = [(point_of(name), name) for name in found if set(point_of(name)) == {x, y}]
         across, up = (sorted({point[key] for point, _ in points}) for key in (x, y))
@@ -92,7 +93,7 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
         axis.grid(False)
         axis.set_xticks(range(len(across)), [f"{value:g}" for value in across])
         axis.set_yticks(range(len(up)), [f"{value:g}" for value in up])
-        axis.set(xlabel=f"{x}{units[x]}", ylabel=f"{y}{units[y]}")
+        axis.set(xlabel=f"{x} ({units[x]})", ylabel=f"{y} ({units[y]})")
     drawn.colorbar(image, ax=axes, label="items in a trial, mean")
     return drawn
 
@@ -106,14 +107,15 @@ def history(_: Mapping[str, Run]) -> Figure | None:
     drawn, axis = figure(height=2.6)
     axis.plot(losses, ".", color=OTHER, label="a point")
     axis.step(range(len(losses)), np.minimum.accumulate(losses), where="post", color="#0072B2", label="best so far")
-    axis.set(xlabel="point of the study", ylabel="RMS distance (standard errors)", ylim=(0, None))
+    axis.set(xlabel="point of the study", ylabel=f"RMS distance ({record['unit']})", ylim=(0, None))
     axis.legend(loc="upper right")
     return drawn
 
 
 def sensitivity(_: Mapping[str, Run]) -> Figure | None:
-    """How each cell moves when one value is changed, in standard errors of that cell."""
-    points = (calibration() or {}).get("sensitivity", [])
+    """How each cell moves when one value is changed."""
+    record = calibration() or {}
+    points = record.get("sensitivity", [])
     changed = [point for point in points if point["change"][0]]
     if not changed:
         return None
@@ -130,5 +132,5 @@ def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     axis.grid(False)
     axis.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
     axis.set_yticks(range(len(cells)), [cell.replace("_", " ") for cell in cells], fontsize=7)
-    drawn.colorbar(image, ax=axis, label="change of the cell's distance (standard errors)", shrink=0.7)
+    drawn.colorbar(image, ax=axis, label=f"change of the cell's distance ({record['unit']})", shrink=0.7)
     return drawn

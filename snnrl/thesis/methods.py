@@ -2,43 +2,62 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 
-from snnrl.builder import build
-from snnrl.configuration.schema import Config
+from snnrl.builder import DTYPES, build, build_network
+from snnrl.configuration.schema import Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
 from snnrl.engines import Engine
+from snnrl.model.draws import Draws
 from snnrl.simulation import Simulation
 
+SURE = 200.0  # current of one ms that makes a neuron at rest fire at once
 PAIR = 20  # ms within which a dopaminergic spike after a touch makes a coincidence: tau+
 CHANCE = 3  # dopaminergic spikes in that time at most: background firing, not an answer to the touch
 
 
 def stdp_window(config: Config, reach: int = 300) -> tuple[np.ndarray, np.ndarray]:
-    """Change of eligibility by t_post - t_pre (ms), from one pair at a time through the network's own step."""
-    rule = config.network.plasticity
+    """Change of eligibility by t_post - t_pre (ms), both [2 reach + 1]: of one synapse, one pair of spikes each."""
     times = np.arange(-reach, reach + 1)
-    gain = rule.potentiation * np.exp(-times / rule.tau_plus)
-    loss = -rule.depression * np.exp(times / rule.tau_minus)
-    return times, np.where(times >= 0, gain, loss)
+    seen = pair_eligibility(config, np.maximum(-times, 0), np.maximum(times, 0), reach + 1)
+    return times, seen[np.abs(times), np.arange(len(times))]  # in the ms of the later spike
 
 
-def pair_eligibility(config: Config, first: int = 30, second: int = 32, end: int = 1500) -> np.ndarray:
-    """Eligibility, [end] by ms, of a synapse whose neurons fire once each, at `first` and `second` ms."""
-    simulation = build(config)
-    network = simulation.network
-    projection = next(p for p in network.projections.values() if p.plastic)
-    pre, post = network.groups[projection.pre].start, network.groups[projection.post].start
+def pair_eligibility(config: Config, pre: np.ndarray, post: np.ndarray, end: int) -> np.ndarray:
+    """Eligibility, [end, B] by ms, of B synapses alone, whose neurons fire once each, at `pre` and `post` [B] ms.
+
+    The neurons, the rule and the dopamine are those of `config`; every ms is a step of the network.
+    """
+    trials = torch.arange(len(pre))
+    network = build_network(_one_synapse(config.network), Draws(config.seed, trials), DTYPES[config.dtype])
     current = network.pending.new_zeros(end, network.trials, network.size)
-    current[first, 0, pre + int(projection.pre_index[0])] = 200.0  # fires at once
-    current[second, 0, post + int(projection.post_index[0])] = 200.0
-    seen = []
+    for neuron, times in enumerate((pre, post)):
+        current[torch.from_numpy(times), trials, neuron] = SURE
+    seen, raster = [], torch.zeros(end, network.trials, network.size, dtype=torch.bool)
     for k in range(end):
-        network.run(current[k : k + 1])
-        seen.append(float(projection.eligibility[0]))
+        network.run(current[k : k + 1], None, raster[k : k + 1])
+        seen.append(network.projections["synapse"].eligibility.numpy().copy())
+    assert (raster == (current > 0)).all(), "a pair of neurons did not fire once each"
     return np.array(seen)
+
+
+def _one_synapse(network: NetworkConfig) -> NetworkConfig:
+    """A plastic synapse of the network between two of its neurons, none that bursts; it does not excite."""
+    neuron, parameters = next(iter(network.neurons.items()))
+    assert network.dopamine is not None
+    return dataclasses.replace(
+        network,
+        neurons={neuron: dataclasses.replace(parameters, c_spread=0.0, d_spread=0.0)},
+        synapses={"plastic": SynapseConfig(probability=1.0, plastic=True)},
+        groups={name: GroupConfig(1, neuron) for name in ("pre", "post")},
+        projections={"synapse": ProjectionConfig("pre", "post", "plastic")},
+        synaptic_gain=0.0,
+        dopamine=dataclasses.replace(network.dopamine, source=None),
+        homeostasis=None,
+    )
 
 
 def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, np.ndarray]:

@@ -4,22 +4,26 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import jinja2
 import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
 from snnrl.drawing import style
 from snnrl.files import write, write_json
-from snnrl.thesis.claims import Claim, claims, first_food
-from snnrl.thesis.compare import Cell, compare, finite
-from snnrl.thesis.figures import drawings
+from snnrl.thesis.claims import Claim, claims, escapes, first_food
+from snnrl.thesis.compare import Cell, compare, finite, tally
 from snnrl.thesis.fit import calibration
+from snnrl.thesis.gallery import drawings
+from snnrl.thesis.loss import UNIT
 from snnrl.thesis.runs import Run
 from snnrl.thesis.statistics import RULE, Sample, Share
 
@@ -72,7 +76,9 @@ def row(cell: Cell) -> dict[str, str]:
     scale = 100 if isinstance(cell.ours, Share) else 1
     unit = " points" if isinstance(cell.ours, Share) else f" {cell.unit}"
     d = cell.difference
-    relative = "" if scale == 100 or not cell.published.mean else f" ({100 * d.value / cell.published.mean:+.0f} %)"
+    relative = (
+        "" if scale == 100 or not cell.published.mean else f" ({round(100 * d.value / cell.published.mean):+d} %)"
+    )
     return {
         "experiment": style.robot_name(cell.experiment),
         "robot": style.robot_name(cell.robot),
@@ -83,6 +89,7 @@ def row(cell: Cell) -> dict[str, str]:
         "difference": f"{value(scale * d.value)}{unit}{relative}",
         "interval": f"{value(scale * d.low)} to {value(scale * d.high)}",
         "effect": value(d.effect, 2),
+        "needed": "not with the published n" if math.isinf(d.trials_needed) else value(d.trials_needed),
         "verdict": cell.verdict,
     }
 
@@ -109,33 +116,20 @@ def png(drawn: Figure) -> bytes:
 
 def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, started: float) -> None:
     """Write report.html, report.md, report.json and figures/ to `folder`."""
-    cells, tested = compare(runs), claims(runs)
+    cells, tested, fit = compare(runs), claims(runs), calibration()
+    judged = not provenance.quick
     (folder / "figures").mkdir(parents=True)
-    pictures: dict[str, list[dict[str, str]]] = {}
-    with mpl.rc_context(style.STYLE):
-        drawn = drawings(runs)
-    for drawing, shape in drawn:
-        content = png(shape)
-        write(folder / "figures" / f"{drawing.name}.png", content)
-        section = "3" if drawing.section.startswith("3") else drawing.section
-        pictures.setdefault(section, []).append(
-            {
-                "name": drawing.name,
-                "section": drawing.section,
-                "caption": drawing.caption,
-                "data": base64.b64encode(content).decode(),
-            }
-        )
-    fit = calibration()
     context: dict[str, Any] = {
         "rows": [row(cell) for cell in cells],
-        "equivalent": sum(cell.verdict == "equivalent" for cell in cells),
+        "judged": judged,
+        "tally": tally(cells),
         "rule": RULE,
         "claims": [claim_row(claim) for claim in tested],
         "sections": SECTIONS,
-        "pictures": pictures,
-        "first_food": _first_food(runs),
+        "pictures": _pictures(folder / "figures", runs),
+        "food_after_escape": food_after_escape(runs),
         "fit": fit,
+        "unit": UNIT,
         "provenance": provenance,
         "runs": [_run_row(name, run) for name, run in runs.items()],
         "wall_s": time.perf_counter() - started,
@@ -149,8 +143,8 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         folder / "report.json",
         {
             "rule": RULE,
-            "cells": [cell.to_json() for cell in cells],
-            "claims": [_claim_json(claim) for claim in tested],
+            "cells": [cell.to_json(judged) for cell in cells],
+            "claims": [_claim_json(claim, judged) for claim in tested],
             "calibration": fit,
             "provenance": asdict(provenance) | {"wall_s": context["wall_s"]},
             "runs": {name: str(run.folder) for name, run in runs.items()},
@@ -158,19 +152,40 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
     )
 
 
-def _claim_json(claim: Claim) -> dict[str, Any]:
+def _pictures(folder: Path, runs: dict[str, Run]) -> dict[str, list[dict[str, str]]]:
+    """Write every figure to `folder`; what the templates need of them, by section."""
+    pictures: dict[str, list[dict[str, str]]] = {}
+    with mpl.rc_context(style.STYLE):
+        drawn = drawings(runs)
+    for drawing, shape in drawn:
+        content = png(shape)
+        write(folder / f"{drawing.name}.png", content)
+        section = "3" if drawing.section.startswith("3") else drawing.section
+        pictures.setdefault(section, []).append(
+            {
+                "name": drawing.name,
+                "section": drawing.section,
+                "caption": drawing.told(runs),
+                "data": base64.b64encode(content).decode(),
+            }
+        )
+    return pictures
+
+
+def _claim_json(claim: Claim, judged: bool) -> dict[str, Any]:
     numbers = {key: finite(getattr(claim, key)) for key in ("value", "low", "high")}
-    return asdict(claim) | numbers
+    return {key: found for key, found in (asdict(claim) | numbers).items() if judged or key != "holds"}
 
 
-def _first_food(runs: dict[str, Run]) -> str:
-    """Of the orbit experiment's learning robot: mean time of the first food, over the trials that found some."""
+def food_after_escape(runs: Mapping[str, Run]) -> str:
+    """How many of the robots that left their orbit by learning then found food, and when on average."""
     if "orbit/learning" not in runs:
         return ""
-    times = first_food(runs["orbit/learning"])
-    ate = times[times == times]
+    run = runs["orbit/learning"]
+    escaped, times = np.isfinite(escapes(run)), first_food(run)
+    ate = times[escaped & np.isfinite(times)]
     mean = f", after {ate.mean():.1f} s on average" if len(ate) else ""
-    return f"{len(ate)} of {len(times)} robots that escaped by learning found food within the trial{mean}."
+    return f"{len(ate)} of {escaped.sum()} robots that escaped by learning found food within the trial{mean}."
 
 
 def _run_row(name: str, run: Run) -> dict[str, str]:

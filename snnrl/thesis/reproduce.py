@@ -18,18 +18,17 @@ import platform
 import shutil
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config, ConfigError
 from snnrl.running.job import perform, read_summary
-from snnrl.thesis.claims import FIVE_ROBOTS, taxis
+from snnrl.thesis import dampening
+from snnrl.thesis.claims import FIVE_ROBOTS
 from snnrl.thesis.fit import FACTORS, grid_points, point_name
 from snnrl.thesis.report import Provenance, write_report
 from snnrl.thesis.runs import Run
@@ -57,7 +56,7 @@ class Planned:
 
 
 def plan(seed: int, quick: bool, only: str | None = None) -> list[Planned]:
-    """All runs whose sizes are known beforehand, those of the tables first."""
+    """All runs, those of the tables first."""
     chosen = {name: robots for name, robots in ROBOTS.items() if only in (None, name)}
     result = []
     for experiment, robots in chosen.items():
@@ -65,27 +64,24 @@ def plan(seed: int, quick: bool, only: str | None = None) -> list[Planned]:
         for robot in robots:
             name = f"{experiment}/{robot}"
             result.append(Planned(name, experiment, (f"robot={robot}", f"seed={seed}", *sizes)))
-    close = ("trials=1", "record.every=0.07", f"seed={seed}")
-    part = QUICK if quick else 1.0
-    closeups = (
-        Planned(
-            "random_walk_path", "food_attraction", ("robot=random_walk", "world.free_items=0", "seconds=30", *close)
-        ),
-        Planned("first_30_s", "food_attraction", ("seconds=30", *close)),
-        Planned("first_500_s", "food_attraction", (f"seconds={500 * part:g}", *close)),
-        Planned(
-            "poison_switch",
-            "food_poison",
-            (
-                f"seconds={1000 * part + 15:g}",
-                f"record.start={1000 * part - 10:g}",
-                f"world.poison_from={1000 * part:g}",
-                *close,
-            ),
-        ),
-    )
+    closeups = (run for run in _closeups(seed, QUICK if quick else 1.0) if only in (None, run.experiment))
     searched = _grid(seed, quick) if only in (None, "stdp_search") else []
-    return [*result, *(run for run in closeups if only in (None, run.experiment)), *searched]
+    return [*result, *closeups, *searched]
+
+
+def _closeups(seed: int, part: float) -> list[Planned]:
+    """What is drawn tick by tick, some of it for this part of its full time."""
+    close = (f"seed={seed}", "record.every=0.07")
+    one = (*close, "trials=1")
+    switch = part * (compose("+experiment=food_poison").body()[1].poison_from or 0.0)
+    around = (f"seconds={switch + 15:g}", f"record.start={switch - 10:g}", f"world.poison_from={switch:g}")
+    return [
+        Planned("random_walk", "food_attraction", (*one, "robot=random_walk", "world.free_items=0", "seconds=30")),
+        Planned("first_eligibility", "food_attraction", (*one, "seconds=30")),
+        Planned("single_trial", "food_attraction", (*one, f"seconds={500 * part:g}")),
+        Planned("dampening", dampening.EXPERIMENT, (*close, *dampening.overrides())),
+        Planned("poison_switch", "food_poison", (*one, *around)),
+    ]
 
 
 def _grid(seed: int, quick: bool) -> list[Planned]:
@@ -108,27 +104,6 @@ def _quick_sizes(experiment: str) -> tuple[str, ...]:
         return (f"trials={QUICK_TRIALS}", f"seconds={seconds * QUICK_ORBIT:g}")
     sizes = (f"trials={QUICK_TRIALS}", f"seconds={seconds * QUICK:g}", "record.every=1.0")
     return (*sizes, f"world.poison_from={seconds * QUICK / 2:g}") if experiment == "food_poison" else sizes
-
-
-def dampening(runs: dict[str, Run], seed: int) -> Planned | None:
-    """A close-up of 20 s in which the container weights of a trial are at their limit."""
-    name = "secondary_behaviour/fixed_container_dopamine"
-    if name not in runs:
-        return None
-    run = runs[name]
-    total = taxis(run, "weight", "container", "attraction") + taxis(run, "weight", "container", "avoidance")
-    row, trial = np.unravel_index(int(total.argmax()), total.shape)
-    end = float(run.time[row])
-    overrides = (
-        "robot=fixed_container_dopamine",
-        f"seed={seed}",
-        "trials=1",
-        f"trial_start={trial}",
-        f"seconds={end:g}",
-        f"record.start={max(0.0, end - 20):g}",
-        "record.every=0.07",
-    )
-    return Planned("dampening", "secondary_behaviour", overrides)
 
 
 def code_version() -> str:
@@ -181,7 +156,7 @@ def reproduce(seed: int, quick: bool, only: str | None = None) -> Path:
     started = time.perf_counter()
     runs: dict[str, Run] = {}
     found = 0
-    for planned in _all(plan(seed, quick, only), runs, seed):
+    for planned in plan(seed, quick, only):
         runs[planned.name], reused = obtain(planned)
         found += reused
     folder = Path("runs/thesis") / time.strftime("%Y-%m-%d_%H-%M-%S")
@@ -198,13 +173,6 @@ def reproduce(seed: int, quick: bool, only: str | None = None) -> Path:
     )
     write_report(folder, runs, provenance, started)
     return folder
-
-
-def _all(planned: Sequence[Planned], runs: dict[str, Run], seed: int) -> Iterator[Planned]:
-    yield from planned
-    close_up = dampening(runs, seed)
-    if close_up is not None:
-        yield close_up
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

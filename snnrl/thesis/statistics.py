@@ -1,20 +1,27 @@
-"""Comparisons with published summaries: intervals, effect sizes, and the verdict by a rule fixed beforehand."""
+"""Comparisons with published summaries: intervals, effect sizes, and a verdict that never flatters small samples."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy import stats
 
 CONFIDENCE = 0.95
-MARGIN = 0.10  # of the published mean: a smaller difference counts as none
+MARGIN = 0.10  # of a published mean, or of all trials for a fraction: a smaller difference counts as none
 RULE = (
-    f"A mean is equivalent if two one-sided Welch tests (5 %) exclude a difference of {MARGIN:.0%} of the published "
-    "mean or more; a mean published without its spread, if it lies within our 95 % interval; a fraction of trials, "
-    "if ours lies within the published one's 95 % interval (Clopper-Pearson). Everything else differs."
+    f"A cell is equivalent if the whole {100 * CONFIDENCE:g} % interval of the difference, ours less the published "
+    f"value, lies within {100 * MARGIN:g} % of a published mean or {100 * MARGIN:g} percentage points of a fraction "
+    f"(equivalence by interval inclusion: two one-sided tests, TOST, at {50 * (1 - CONFIDENCE):.2g} % each). It "
+    "differs if it is not equivalent and that interval excludes zero. Else it is inconclusive: never a success. "
+    "The interval is Welch's for means and Newcombe's for fractions, so that the uncertainty of the published value is "
+    "part of it; a mean published without its SD is taken to have ours over the published number of trials. Trials "
+    "needed: the least number of ours with which, given our SD or fraction, the interval would fit into the margin if "
+    "there were no difference at all; where the published trials alone make it too wide, none would do."
 )
 
 
@@ -24,7 +31,7 @@ class Sample:
 
     mean: float
     sd: float | None
-    n: int
+    n: float  # infinite in a limit
 
     @classmethod
     def of(cls, values: Any) -> Sample:
@@ -49,20 +56,30 @@ class Share:
     def mean(self) -> float:
         return self.count / self.n
 
-    def interval(self, method: str = "exact") -> tuple[float, float]:
-        low, high = stats.binomtest(self.count, self.n).proportion_ci(CONFIDENCE, method)
-        return float(low), float(high)
-
 
 @dataclass(frozen=True)
 class Difference:
-    """Ours less theirs, with a 95 % interval, an effect size (Hedges g; Cohen h for shares) and a verdict."""
+    """Ours less theirs, judged by RULE.
+
+    Attributes:
+        value, low, high: the difference and its 95 % interval.
+        effect: its size, Hedges' g for means and Cohen's h for shares; nan where a spread is unknown.
+        margin: a smaller difference counts as none.
+        trials_needed: of ours, for equivalence to be possible; inf where no number would do, nan where unknown.
+    """
 
     value: float
     low: float
     high: float
     effect: float
-    equivalent: bool
+    margin: float
+    trials_needed: float
+
+    @property
+    def verdict(self) -> str:
+        if -self.margin < self.low and self.high < self.margin:
+            return "equivalent"
+        return "inconclusive" if self.low <= 0 <= self.high else "differs"
 
 
 def interval(values: Any) -> tuple[float, float]:
@@ -74,39 +91,72 @@ def interval(values: Any) -> tuple[float, float]:
     return float(values.mean() - half), float(values.mean() + half)
 
 
-def welch(ours: Sample, theirs: Sample, confidence: float = CONFIDENCE) -> tuple[float, float]:
+def welch(ours: Sample, theirs: Sample) -> tuple[float, float]:
     """Welch's interval of the difference of two means; both samples need a deviation."""
     variance = ours.variance + theirs.variance
     if variance == 0:
         return ours.mean - theirs.mean, ours.mean - theirs.mean
     freedom = variance**2 / sum(s.variance**2 / (s.n - 1) for s in (ours, theirs) if s.n > 1)
-    half = float(stats.t.ppf(0.5 + confidence / 2, freedom)) * math.sqrt(variance)
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(variance)
     return ours.mean - theirs.mean - half, ours.mean - theirs.mean + half
 
 
+def wilson(p: float, n: float) -> tuple[float, float]:
+    """Wilson's interval of a fraction p of n trials; n may be infinite."""
+    z = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
+    centre, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
+    return (centre - half) / (1 + z * z / n), (centre + half) / (1 + z * z / n)
+
+
+def newcombe(p: float, n: float, q: float, m: float) -> tuple[float, float]:
+    """Newcombe's interval of the difference of two fractions, p of n and q of m, from their Wilson intervals."""
+    (low1, high1), (low2, high2) = wilson(p, n), wilson(q, m)
+    return p - q - math.hypot(p - low1, high2 - q), p - q + math.hypot(high1 - p, q - low2)
+
+
 def compare_means(ours: Sample, theirs: Sample) -> Difference:
-    """By RULE; with fewer than two values of ours nothing is equivalent."""
-    difference = ours.mean - theirs.mean
-    if ours.sd is None or ours.n < 2:
-        return Difference(difference, -math.inf, math.inf, math.nan, False)
-    if theirs.sd is None:
-        low, high = welch(ours, Sample(theirs.mean, 0.0, theirs.n))
-        return Difference(difference, low, high, math.nan, low <= 0 <= high)
+    """By RULE; a spread that is unpublished, or zero in ours, is taken to be the other's.
+
+    With fewer than two values of ours, or no spread at all, the interval is unbounded.
+    """
+    difference, margin = ours.mean - theirs.mean, MARGIN * abs(theirs.mean)
+    if ours.n < 2 or not (ours.sd or theirs.sd):
+        return Difference(difference, -math.inf, math.inf, math.nan, margin, math.nan)
+    mine, yours = replace(ours, sd=ours.sd or theirs.sd), replace(theirs, sd=theirs.sd or ours.sd)
+    low, high = welch(mine, yours)
+
+    def half_width(n: float) -> float:
+        return 0.5 * float(np.ptp(welch(replace(mine, n=n), yours)))
+
+    effect = hedges(mine, yours) if theirs.sd is not None else math.nan
+    return Difference(difference, low, high, effect, margin, trials_needed(half_width, margin))
+
+
+def hedges(ours: Sample, theirs: Sample) -> float:
+    """Hedges' g of two samples, not both without a deviation."""
     freedom = ours.n + theirs.n - 2
-    pooled = math.sqrt(((ours.n - 1) * ours.sd**2 + (theirs.n - 1) * theirs.sd**2) / freedom)
-    hedges = difference / pooled * (1 - 3 / (4 * freedom - 1)) if pooled else math.nan
-    low, high = welch(ours, theirs)
-    within = welch(ours, theirs, 2 * CONFIDENCE - 1)  # two one-sided tests at 5 %
-    margin = MARGIN * abs(theirs.mean)
-    return Difference(difference, low, high, hedges, -margin < within[0] and within[1] < margin)
+    pooled = math.sqrt(sum((s.n - 1) * (s.sd or 0.0) ** 2 for s in (ours, theirs)) / freedom)
+    return (ours.mean - theirs.mean) / pooled * (1 - 3 / (4 * freedom - 1))
 
 
 def compare_shares(ours: Share, theirs: Share) -> Difference:
-    """By RULE; the interval of the difference is Newcombe's, from the two Wilson intervals."""
-    (low1, high1), (low2, high2) = ours.interval("wilson"), theirs.interval("wilson")
+    """By RULE."""
     p, q = ours.mean, theirs.mean
-    low = p - q - math.hypot(p - low1, high2 - q)
-    high = p - q + math.hypot(high1 - p, q - low2)
+    low, high = newcombe(p, ours.n, q, theirs.n)
+
+    def half_width(n: float) -> float:
+        return max(abs(bound - (p - q)) for bound in newcombe(p, n, q, theirs.n))
+
     effect = 2 * math.asin(math.sqrt(p)) - 2 * math.asin(math.sqrt(q))
-    published = theirs.interval()
-    return Difference(p - q, low, high, effect, published[0] <= p <= published[1])
+    return Difference(p - q, low, high, effect, MARGIN, trials_needed(half_width, MARGIN))
+
+
+def trials_needed(half_width: Callable[[float], float], margin: float) -> float:
+    """The least n >= 2 whose `half_width`, falling with n, is below the margin; inf if even its limit is not."""
+    if half_width(math.inf) >= margin:
+        return math.inf
+    enough = 2
+    while half_width(enough) >= margin:
+        enough *= 2
+    candidates = range(2, enough + 1)
+    return candidates[bisect_left(candidates, True, key=lambda n: half_width(n) < margin)]
