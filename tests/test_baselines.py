@@ -274,13 +274,18 @@ def test_the_command_leaves_a_table_and_a_plot(tmp_path: Path) -> None:
     ("argument", "message"),
     [
         ("agents=[odd]", "agents=odd: must be one of spiking, random_walk"),
-        ("sarsa_lambda.odd=2", "sarsa_lambda.odd: no such key; allowed here: bins, rate, discount, exploration, trace"),
+        (
+            "sarsa_lambda.odd=2",
+            "sarsa_lambda.odd=2: no such key; allowed here: bins, rate, discount",
+        ),
         (
             "seconds=1000",
             "seconds=1000.0: must be greater than the 1000 s after which food turns to poison in food_poison (leave "
             "that task out with ~tasks.food_poison)",
         ),
-        ("+tasks.own=[+experiment\\=odd]", "Available options in 'experiment': classical_conditioning"),
+        ("tasks.own=3", "tasks.own=3: must be a list [...]"),
+        ("robot=learning", "robot=learning: no such key; allowed here: tasks, agents, braitenberg"),
+        ("+tasks.own=[+experiment\\=odd]", "experiment=odd: must be one of classical_conditioning"),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_no_folder(tmp_path: Path, argument: str, message: str) -> None:

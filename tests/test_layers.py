@@ -33,12 +33,11 @@ def importers(module: str) -> set[str]:
 
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
-    assert importers("hydra") == {"running/command.py", "run.py", "agents/baselines.py", "configuration/compose.py"}
+    configuration = {f"configuration/{name}.py" for name in ("compose", "loader", "refusals")}
+    commands = {"running/command.py", "run.py", "agents/baselines.py"}
+    assert importers("hydra") == configuration | commands
     assert importers("optuna") == {"thesis/calibrate.py", "thesis/search.py"}
-    assert importers("omegaconf") == {
-        *("running/command.py", "run.py", "agents/baselines.py"),
-        *("configuration/compose.py", "configuration/schema.py"),
-    }
+    assert importers("omegaconf") == configuration | commands | {"configuration/schema.py"}
 
 
 def test_only_the_board_and_the_task_recorder_know_tensorboard() -> None:
