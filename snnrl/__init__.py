@@ -1,5 +1,7 @@
 """Spiking neural networks that learn from reward by dopamine-modulated STDP, and a robot that proves it."""
 
+from importlib.metadata import version
+
 from snnrl.body.world import World
 from snnrl.builder import build, build_network, build_task
 from snnrl.configuration import schema
@@ -10,6 +12,8 @@ from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Projection
 from snnrl.simulation import Simulation, TaskSimulation
 
+__version__ = version("snnrl")
+
 __all__ = [
     "Draws",
     "Network",
@@ -18,6 +22,7 @@ __all__ = [
     "Simulation",
     "TaskSimulation",
     "World",
+    "__version__",
     "build",
     "build_network",
     "build_task",

@@ -16,8 +16,11 @@ class FolderError(ValueError):
     """A run folder cannot be used as asked; the message is one line that names it."""
 
 
-def write(path: Path, content: bytes | str) -> None:
+def write(path: Path, content: bytes | str, keep: Path | None = None) -> None:
     """Write a file as a whole: whenever the process or the machine stops, a reader finds the old one or the new one.
+
+    Args:
+        keep: where the old one goes; it may be there already, and nothing yet at `path`, when the process stops.
 
     Raises:
         OSError: it could not be written; the old one, if any, is untouched.
@@ -28,6 +31,8 @@ def write(path: Path, content: bytes | str) -> None:
             file.write(content.encode() if isinstance(content, str) else content)
             file.flush()
             os.fsync(file.fileno())
+        if keep is not None and path.exists():
+            os.replace(path, keep)
         os.replace(unfinished, path)
     except OSError as error:
         unfinished.unlink(missing_ok=True)

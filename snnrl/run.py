@@ -15,7 +15,7 @@ from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
-from omegaconf import DictConfig
+from omegaconf import DictConfig, OmegaConf
 
 from snnrl.configuration.compose import load, plain
 from snnrl.configuration.schema import ConfigError
@@ -30,7 +30,8 @@ def job(composed: DictConfig) -> float:
     """One Hydra job; returns its score, so that a sweeper can optimise it."""
     settings = HydraConfig.get()
     folder = Path(settings.runtime.output_dir)
-    overrides = list(settings.overrides.task)
+    overrides = OmegaConf.to_container(settings.overrides.task, resolve=False)
+    assert isinstance(overrides, list)
     try:
         summary = perform(plain(composed), folder, overrides, share(settings.launcher))
     except Exception as error:

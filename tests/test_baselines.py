@@ -7,18 +7,28 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 from helpers import compose_config, make_simulation
+from hydra import initialize_config_dir
 from torch import Tensor
 
 from snnrl.agents.agents import Braitenberg, QLearning, RandomWalk, SarsaLambda, epsilon_greedy, states_of
-from snnrl.agents.baselines import Result, agent_robot, collect, csv_of, markdown_of, marks_of
+from snnrl.agents.baselines import Result, agent_robot, collect, csv_of, markdown_of, marks_of, tasks_of
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
-from snnrl.configuration.schema import BaselinesConfig, BraitenbergConfig, Config, QLearningConfig, SarsaLambdaConfig
+from snnrl.configuration.compose import conf_dir
+from snnrl.configuration.schema import (
+    BaselinesConfig,
+    BraitenbergConfig,
+    Config,
+    ConfigError,
+    QLearningConfig,
+    SarsaLambdaConfig,
+)
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws
 
@@ -186,6 +196,23 @@ def test_counting_covers_the_task_and_meets_the_turn_to_poison() -> None:
     assert marks_of(config_of(), 1000) == list(range(1, 101))
 
 
+def test_a_task_is_longer_than_its_food_is_food() -> None:
+    def refusal(seconds: float) -> str:
+        task = ["+experiment=food_poison", "world.poison_from=2.1"]  # 30 ticks
+        options = replace(OPTIONS, tasks={"poison": task}, seconds=seconds)
+        with initialize_config_dir(conf_dir(), version_base="1.3"):
+            try:
+                (config,) = tasks_of(options).values()
+            except ConfigError as error:
+                return str(error)
+        assert collect("poison", "random_walk", config, options).poison.any()
+        return ""
+
+    for seconds in (1.0, 2.1, 2.13):  # whole ticks are run
+        assert refusal(seconds).startswith(f"seconds={seconds}: must be greater than the 2.1 s after which food turns")
+    assert refusal(2.17) == ""
+
+
 def test_items_are_counted_as_food_or_poison_by_when_they_were_taken() -> None:
     config = config_of("world.poison_from=3.6", "trials=30")
     result = collect("food", "braitenberg", config, OPTIONS)
@@ -247,8 +274,18 @@ def test_the_command_leaves_a_table_and_a_plot(tmp_path: Path) -> None:
     ("argument", "message"),
     [
         ("agents=[odd]", "agents=odd: must be one of spiking, random_walk"),
-        ("sarsa_lambda.odd=2", "sarsa_lambda.odd: no such key; allowed here: bins, rate, discount, exploration, trace"),
-        ("+tasks.own=[+experiment\\=odd]", "Available options in 'experiment': classical_conditioning"),
+        (
+            "sarsa_lambda.odd=2",
+            "sarsa_lambda.odd=2: no such key; allowed here: bins, rate, discount",
+        ),
+        (
+            "seconds=1000",
+            "seconds=1000.0: must be greater than the 1000 s after which food turns to poison in food_poison (leave "
+            "that task out with ~tasks.food_poison)",
+        ),
+        ("tasks.own=3", "tasks.own=3: must be a list [...]"),
+        ("robot=learning", "robot=learning: no such key; allowed here: tasks, agents, braitenberg"),
+        ("+tasks.own=[+experiment\\=odd]", "experiment=odd: must be one of classical_conditioning"),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_no_folder(tmp_path: Path, argument: str, message: str) -> None:

@@ -121,8 +121,10 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         (FusedEngine, "run", 2, True),  # before the first checkpoint
         (checkpoint, "save", 2, True),  # at 6 s, between two samples
-        (os, "replace", 5, False),  # the third checkpoint is written but not yet in place
-        (files, "sync", 9, False),  # in place, the folder not yet synced
+        (os, "replace", 4, False),  # the second checkpoint is written, the first still in its place
+        (os, "replace", 4, True),  # the first is out of the way, the second not yet in place
+        (os, "replace", 7, True),  # the third is in place, the folder not yet synced
+        (files, "sync", 9, False),
         (job.Recorder, "sample", 3, True),  # events on the disk that are after the last checkpoint
         (job.Recorder, "save", 1, True),  # series.npz and trials.csv are there, summary.json is not complete
     ],
@@ -214,10 +216,6 @@ def flipped(good: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("harm", "message"),
     [
-        (lambda good: b"", "damaged, or not a checkpoint"),
-        (lambda good: good[:50], "damaged, or not a checkpoint"),
-        (lambda good: good[:-1], "damaged (its checksum does not fit)"),
-        (flipped, "damaged (its checksum does not fit)"),
         (lambda good: good.replace(b"checkpoint 1", b"checkpoint 2", 1), "format 2 is newer"),
         (lambda good: forged(b"snnrl checkpoint 1", pickle.dumps({"wall": 1.0}, protocol=2)), "not written by snnrl"),
         (hostile, "not written by snnrl"),
@@ -236,6 +234,102 @@ def test_a_bad_checkpoint_is_refused_and_nothing_is_changed(
     assert str(caught.value).startswith(f"{path}: {message}")
     assert contents(folder) == before
     assert [child.name for child in tmp_path.iterdir()] == ["run"]
+
+
+DAMAGES = [
+    (lambda good: b"", "damaged, or not a checkpoint"),
+    (lambda good: good[:50], "damaged, or not a checkpoint"),
+    (lambda good: good[:-1], "damaged (its checksum does not fit)"),
+    (flipped, "damaged (its checksum does not fit)"),
+]
+
+
+def harm_files(folder: Path, harm: Callable[[bytes], bytes], *names: str) -> None:
+    for name in names:
+        (folder / name).write_bytes(harm((folder / name).read_bytes()))
+
+
+@pytest.mark.parametrize(("harm", "message"), DAMAGES)
+def test_from_a_damaged_checkpoint_a_run_goes_on_with_the_one_before(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    whole: dict[str, Any],
+    stopped: Path,
+    harm: Callable[[bytes], bytes],
+    message: str,
+) -> None:
+    folder = Path(shutil.copytree(stopped, tmp_path / "run"))
+    harm_files(folder, harm, checkpoint.FILE)
+    kill(folder, make(), job.Recorder, "sample", 1)  # it has begun again where the third checkpoint was, at 9 s
+    line = f"{folder / checkpoint.FILE}: {message}; going on from the one before, {checkpoint.PREVIOUS}"
+    assert line in capsys.readouterr().err.splitlines()
+    saved = checkpoint.load(folder, make(), simulation := job.build(make()))
+    assert saved is not None
+    assert int(simulation.network.time) == pytest.approx(9000, abs=35)
+    perform(make(), folder)
+    assert "damaged" not in capsys.readouterr().err
+    assert results(folder) == whole
+
+
+@pytest.mark.parametrize(("harm", "message"), DAMAGES)
+def test_when_all_checkpoints_are_damaged_nothing_is_changed(
+    tmp_path: Path, stopped: Path, harm: Callable[[bytes], bytes], message: str
+) -> None:
+    folder = Path(shutil.copytree(stopped, tmp_path / "run"))
+    harm_files(folder, harm, checkpoint.FILE, checkpoint.PREVIOUS)
+    before = contents(folder)
+    with pytest.raises(FolderError) as caught:
+        perform(make(), folder)
+    both = [f"{folder / name}: {message}" for name in (checkpoint.FILE, checkpoint.PREVIOUS)]
+    assert str(caught.value) == "; ".join(both)
+    assert contents(folder) == before
+
+
+def test_one_before_that_cannot_be_used_is_refused(tmp_path: Path, stopped: Path) -> None:
+    folder = Path(shutil.copytree(stopped, tmp_path / "run"))
+    harm_files(folder, flipped, checkpoint.FILE)
+    harm_files(folder, hostile, checkpoint.PREVIOUS)
+    before = contents(folder)
+    with pytest.raises(FolderError, match=rf"{checkpoint.PREVIOUS}: not written by snnrl"):
+        perform(make(), folder)
+    assert contents(folder) == before
+
+
+@pytest.mark.parametrize("after", [False, True])
+@pytest.mark.parametrize("call", range(1, 8))
+def test_killed_at_any_step_of_saving_a_good_checkpoint_is_there(tmp_path: Path, call: int, after: bool) -> None:
+    """Four checkpoints are saved, in seven steps; then the newest that is there is damaged."""
+    config = make()
+    simulation = job.build(config)
+
+    def save_all() -> None:
+        for number in (1.0, 2.0, 3.0, 4.0):
+            state = checkpoint.Checkpoint(checkpoint.settings(config), simulation.state_dict(), {}, number)
+            checkpoint.save(tmp_path, state)
+
+    def restored() -> float:
+        saved = checkpoint.load(tmp_path, config, simulation)
+        return 0.0 if saved is None else saved.wall
+
+    with pytest.MonkeyPatch.context() as patch:
+        kill_at(patch, os, "replace", call, after=after)
+        with pytest.raises(Killed):
+            save_all()
+    done = (call + after) // 2  # of the checkpoints, whose last steps are 1, 3, 5 and 7
+    assert restored() == done
+    if (tmp_path / checkpoint.FILE).exists() and (tmp_path / checkpoint.PREVIOUS).exists():
+        harm_files(tmp_path, flipped, checkpoint.FILE)
+        assert restored() == done - 1
+
+
+def test_a_complete_run_leaves_no_checkpoint(tmp_path: Path, stopped: Path) -> None:
+    folder = Path(shutil.copytree(stopped, tmp_path / "run"))
+    assert {checkpoint.FILE, checkpoint.PREVIOUS} <= set(contents(folder))
+    kill(folder, make(), checkpoint, "remove", 1, after=False)
+    assert summary(folder)["complete"]
+    assert {checkpoint.FILE, checkpoint.PREVIOUS} <= set(contents(folder))
+    perform(make(), folder)
+    assert not {checkpoint.FILE, checkpoint.PREVIOUS} & set(contents(folder))
 
 
 def test_another_runs_checkpoint_is_refused(tmp_path: Path, stopped: Path) -> None:

@@ -3,6 +3,10 @@
 from __future__ import annotations
 
 import ast
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import snnrl
@@ -29,12 +33,11 @@ def importers(module: str) -> set[str]:
 
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
-    assert importers("hydra") == {"running/command.py", "run.py", "agents/baselines.py", "configuration/compose.py"}
+    configuration = {f"configuration/{name}.py" for name in ("compose", "loader", "refusals")}
+    commands = {"running/command.py", "run.py", "agents/baselines.py"}
+    assert importers("hydra") == configuration | commands
     assert importers("optuna") == {"thesis/calibrate.py", "thesis/search.py"}
-    assert importers("omegaconf") == {
-        *("running/command.py", "run.py", "agents/baselines.py"),
-        *("configuration/compose.py", "configuration/schema.py"),
-    }
+    assert importers("omegaconf") == configuration | commands | {"configuration/schema.py"}
 
 
 def test_only_the_board_and_the_task_recorder_know_tensorboard() -> None:
@@ -85,3 +88,21 @@ def test_no_global_random_numbers() -> None:
         text = path.read_text()
         for forbidden in ("np.random", "torch.rand", "manual_seed"):
             assert forbidden not in text, (path, forbidden)
+
+
+def distribution(requirement: str) -> str:
+    """Of a requirement, or a distribution's own name: the name as registries compare it."""
+    return re.sub(r"[-_.]+", "-", re.split(r"[\[<>=!~; ]", requirement)[0]).lower()
+
+
+def test_what_is_imported_is_declared_and_the_other_way_round() -> None:
+    project = tomllib.loads((PACKAGE.parent / "pyproject.toml").read_text())["project"]
+    modules = {name.partition(".")[0] for names in imports().values() for name in names} - {"snnrl"}
+    owners = packages_distributions()
+    imported = {distribution(owners[name][0]) for name in modules - sys.stdlib_module_names}
+    declared = set(map(distribution, project["dependencies"]))
+    extras = {
+        distribution(name) for kind in ("calibration", "parquet") for name in project["optional-dependencies"][kind]
+    }
+    assert imported == declared | extras
+    assert not declared & extras

@@ -5,8 +5,11 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+import tomllib
 import zipfile
 from pathlib import Path
+
+import snnrl
 
 ROOT = Path(__file__).parents[1]
 
@@ -20,6 +23,7 @@ def test_the_wheel_carries_the_configuration_and_runs_from_any_folder(tmp_path: 
         archive.extractall(tmp_path / "installed")
     packed = {path.name for path in (tmp_path / "installed" / "snnrl" / "conf" / "experiment").iterdir()}
     assert packed == {path.name for path in (ROOT / "conf" / "experiment").iterdir()}
+    assert (tmp_path / "installed" / "snnrl" / "py.typed").is_file()
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     run = [sys.executable, "-P", "-m", "snnrl.run", "+experiment=dual_learning", "trials=1", "seconds=0.7"]
@@ -35,3 +39,8 @@ def test_the_wheel_carries_the_configuration_and_runs_from_any_folder(tmp_path: 
     )
     assert done.returncode == 0, done.stderr
     assert (elsewhere / "out" / "summary.json").is_file()
+
+
+def test_the_version_is_the_projects() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert snnrl.__version__ == project["version"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import math
 import re
@@ -14,6 +15,7 @@ import pytest
 import torch
 from helpers import (
     RULE,
+    SURE,
     compose_config,
     forced,
     make_dopamine,
@@ -32,7 +34,7 @@ from snnrl.model.homeostasis import Homeostasis
 from snnrl.model.network import Network
 from snnrl.model.neurons import NEVER
 from snnrl.replay import replay
-from snnrl.replay.credit import Ledger, pairs_of
+from snnrl.replay.credit import Credit, Ledger, pairs_of
 from snnrl.replay.replay import Original, Recording, record
 from snnrl.running.job import perform
 from snnrl.thesis.runs import Run
@@ -200,6 +202,32 @@ def test_pairs_follow_the_rule_ms_by_ms() -> None:
     assert (120, 120) in set(zip(pairs.pre.tolist(), pairs.post.tolist(), strict=True))
     alone = pairs_of(pre, np.zeros(0, np.int64), RULE)
     assert len(alone.value) == 0
+
+
+@pytest.mark.parametrize("simultaneous", ["potentiates", "depresses"])
+def test_pairs_make_the_eligibility_of_the_networks_own_step(simultaneous: str) -> None:
+    """Random trains of which many spikes fall into one ms, followed from the middle on."""
+    steps, start = 240, 90
+    groups = [make_group("pre", 4), make_group("post", 3), make_group("dopaminergic", 1)]
+    weight = torch.full((1, 4, 3), 2.0, dtype=torch.float64)
+    network = make_network(groups, [make_projection("all", "pre", "post", weight)], make_dopamine(), gain=0.0)
+    network.plasticity = replace(RULE, simultaneous=simultaneous)
+    drawn = torch.rand(steps, 1, network.size, dtype=torch.float64, generator=torch.Generator().manual_seed(5))
+    current = SURE * (drawn < 0.3)
+    current[:, :, -1] = 0.0
+    first, _ = run_each("reference", network, current[:start])
+    ledger = Ledger(copy.deepcopy(network))
+    later, (eligibility,) = run_each("reference", network, current[start:], network.synapses.eligibility)
+    fired = torch.cat([first, later])[:, 0]
+    assert (fired[:, :4, None] & fired[:, None, 4:7]).sum(0).min() > 5
+    ledger.follow(later, 1.0, "none", network.synapses.weight)
+    time, neuron = later[:, 0].nonzero().numpy().T
+    credit = Credit(ledger, start + time, neuron)
+    assert np.abs(credit.carried).max() > 0.01
+    for k in range(steps - start):
+        parts = [credit.eligibility(synapse, start + k) for synapse in range(12)]
+        total = [decayed.sum() + rest for decayed, rest in parts]
+        np.testing.assert_allclose(total, eligibility[k], rtol=0, atol=1e-12)
 
 
 def test_the_command_leaves_what_it_promises(replayed: Path) -> None:

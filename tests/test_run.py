@@ -97,14 +97,27 @@ def test_multirun_makes_a_folder_a_job(tmp_path: Path) -> None:
     ("arguments", "message"),
     [
         ([], "experiment: must be given as +experiment=NAME, NAME one of baselines, classical_conditioning"),
-        (["+experiment=odd"], "Available options in 'experiment': classical_conditioning"),
-        (["+experiment=food_attraction", "robot=odd"], "Available options in 'robot': benchmark"),
+        (["+experiment=odd"], "experiment=odd: must be one of classical_conditioning, distal_reward"),
+        (
+            ["+experiment=food_attraction", "robot=odd"],
+            "robot=odd: must be one of benchmark, container",
+        ),
         (["+experiment=food_attraction", "robot=benchmark"], "robot=benchmark: must be one of learning, random_walk"),
-        (["+experiment=food_attraction", "trails=3"], "trails: no such key; allowed here: experiment, robot"),
-        (["+experiment=food_attraction", "trials=many"], "trials: Value 'many' of type 'str' could not be converted"),
+        (["+experiment=food_attraction", "trails=3"], "trails=3: no such key; allowed here: experiment, robot"),
+        (["+experiment=food_attraction", "trials=many"], "trials=many: must be a whole number"),
         (["+experiment=food_attraction", "network.dopamine.tau=-1"], "network.dopamine.tau=-1.0: must be greater"),
-        (["+experiment=food_attraction", "network.synapses.taxis.odd=1"], "network.synapses.taxis.odd: no such key"),
+        (["+experiment=food_attraction", "network.synapses.taxis.odd=1"], "network.synapses.taxis.odd=1: no such key"),
         (["+experiment=food_attraction", "trials=0"], "trials=0: must be at least 1"),
+        (["+experiment=food_attraction", "seconds=${nowhere}"], "seconds=${nowhere}: Interpolation key 'nowhere' not"),
+        (["+experiment=food_attraction", "hydra.run.dir=${nowhere}"], "hydra.run.dir: Interpolation key 'nowhere' not"),
+        (["+experiment=food_attraction", "hydra.launcher=3"], "hydra.launcher=3: must be chosen with hydra/launcher="),
+        (["+experiment=food_attraction", "~robot"], "robot.name=???: a value must be given"),
+        (["+experiment=food_attraction", "--odd"], "unrecognized arguments: --odd; options go before or after"),
+        (["--experimental-rerun=run.pickle"], "--experimental-rerun: is not supported"),
+        (
+            ["+experiment=food_attraction", "trials=1,2"],
+            "trials=1,2: several values need -m (a sweep) or [...]",
+        ),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_no_folder(tmp_path: Path, arguments: list[str], message: str) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from omegaconf import DictConfig, OmegaConf
 
+from snnrl.configuration.compose import load
 from snnrl.run import share
 
 SWEEP = ["-m", "+experiment=food_attraction", "trials=1", "seconds=2"]
@@ -57,6 +58,16 @@ def test_a_sweep_over_processes_and_over_again_on_another_launcher(tmp_path: Pat
     again = finished(tmp_path)
     assert set(again) == {"0_food_attraction_learning", "2_food_attraction_learning"}
     assert again["0_food_attraction_learning"] == first["0_food_attraction_learning"]
+
+
+def test_a_sweep_over_projections_that_are_added(tmp_path: Path) -> None:
+    pytest.importorskip("joblib")
+    ends = "pre: left_food, post: left_motor"
+    added = f"+network.projections.x={{{ends}, synapse: taxis}},{{{ends}, synapse: reward}}"
+    done = sweep(tmp_path, "5", added, "hydra/launcher=joblib", "hydra.launcher.n_jobs=2")
+    assert done.returncode == 0, done.stderr
+    configs = [load(path) for path in sorted(tmp_path.glob("sweep/*/config.yaml"))]
+    assert [config.network.projections["x"].synapse for config in configs] == ["taxis", "reward"]
 
 
 def test_joblib_divides_the_processors() -> None:

@@ -37,6 +37,7 @@ from snnrl.running import checkpoint
 
 RUN = ["+experiment=food_attraction", "trials=2", "seconds=60", "threads=1", "record.every=3", "checkpoint.every=1"]
 WALL = ("wall_s", "trial_ms_per_s")
+CHECKPOINTS = (checkpoint.FILE, checkpoint.PREVIOUS)
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,11 @@ def summary(folder: Path) -> dict[str, object]:
     return {key: value for key, value in found.items() if key not in WALL}
 
 
+def is_saved(folder: Path) -> bool:
+    """Whether a checkpoint is in it."""
+    return any((folder / name).exists() for name in CHECKPOINTS)
+
+
 class Faults:
     """The faults, each a method that does one case and says how it went: a word to count, "WRONG ..." if badly."""
 
@@ -128,9 +134,11 @@ class Faults:
         assert ended.status == 0, ended.errors
         self.running = float(json.loads((self.whole / "summary.json").read_text())["wall_s"])
         self.stopped = self._folder()
-        begun = self._begin(self.stopped)
+        begun = self._start(self.stopped)
+        until(lambda: all((self.stopped / name).exists() for name in CHECKPOINTS))
         begun.send(signal.SIGKILL)
         begun.wait()
+        assert is_saved(self.stopped)
 
     def _folder(self) -> Path:
         self.count += 1
@@ -147,7 +155,7 @@ class Faults:
         return started
 
     def _copy(self) -> Path:
-        """A run that was killed after a checkpoint."""
+        """A run that was killed after two checkpoints, or while a third was being saved."""
         return Path(shutil.copytree(self.stopped, self._folder()))
 
     def _resume(self, folder: Path, word: str) -> str:
@@ -164,7 +172,7 @@ class Faults:
             return f"WRONG {word}: summary.json differs"
         if scalars(folder) != scalars(self.whole):
             return f"WRONG {word}: TensorBoard scalars differ"
-        if (folder / checkpoint.FILE).exists() or list(folder.glob("*.unfinished")):
+        if is_saved(folder) or list(folder.glob("*.unfinished")):
             return f"WRONG {word}: something is left over"
         shutil.rmtree(folder)
         return word
@@ -183,7 +191,7 @@ class Faults:
             return "killed before the run began"
         if summary(folder)["complete"]:
             return self._judge(folder, "killed when complete")
-        word = "killed with a checkpoint" if (folder / checkpoint.FILE).exists() else "killed without a checkpoint"
+        word = "killed with a checkpoint" if is_saved(folder) else "killed without a checkpoint"
         started = Started(self.place, f"resume={folder}")
         time.sleep(self.random.uniform(0.0, self.length))
         started.send(signal.SIGKILL)
@@ -191,24 +199,23 @@ class Faults:
         return self._resume(folder, word)
 
     def damage(self) -> str:
-        """A truncated, bit-flipped, newer, or foreign checkpoint is refused and nothing is changed."""
+        """From a damaged checkpoint it goes on with the one before.
+
+        Where both are damaged, or one is newer or foreign, it is refused and nothing is changed.
+        """
         folder = self._copy()
-        path = folder / checkpoint.FILE
-        good = path.read_bytes()
-        kind = self.random.choice(["truncated", "bit-flipped", "newer", "foreign"])
-        if kind == "truncated":
-            bad = good[: self.random.randrange(len(good))]
-        elif kind == "bit-flipped":
-            flipped = bytearray(good)
-            flipped[self.random.randrange(len(good))] ^= 1 << self.random.randrange(8)
-            bad = bytes(flipped)
-        elif kind == "newer":
-            bad = good.replace(b"checkpoint 1 ", b"checkpoint 2 ", 1)
-        else:
+        kind = self.random.choice(["truncated", "bit-flipped", "both damaged", "newer", "foreign"])
+        saved = [folder / name for name in CHECKPOINTS if (folder / name).exists()]
+        if kind == "foreign":
             config = folder / "config.yaml"
             config.write_text(config.read_text().replace("seed: 0", f"seed: {self.random.randrange(1, 1000)}"))
-            bad = good
-        path.write_bytes(bad)
+        for path in saved if kind == "both damaged" else saved[:1]:
+            path.write_bytes(self._spoilt(path.read_bytes(), kind))
+        if kind in ("truncated", "bit-flipped") and len(saved) > 1:
+            ended = run(self.place, f"resume={folder}")
+            if not ended.refused(0) or "going on from the one before" not in ended.errors:
+                return f"WRONG {kind}: {ended}"
+            return self._judge(folder, f"{kind} gone on from the one before")
         before = contents(folder)
         ended = run(self.place, f"resume={folder}")
         after = contents(folder)
@@ -217,6 +224,18 @@ class Faults:
             return f"WRONG {kind}: {ended}"
         shutil.rmtree(folder)
         return f"{kind} refused"
+
+    def _spoilt(self, good: bytes, kind: str) -> bytes:
+        """A checkpoint that has suffered; a flipped bit is not in its format's number, which no checksum covers."""
+        if kind == "both damaged":
+            kind = self.random.choice(["truncated", "bit-flipped"])
+        if kind == "truncated":
+            return good[: self.random.randrange(len(good))]
+        if kind == "bit-flipped":
+            flipped = bytearray(good)
+            flipped[self.random.randrange(good.index(b"1 ") + 1, len(good))] ^= 1 << self.random.randrange(8)
+            return bytes(flipped)
+        return good.replace(b"checkpoint 1 ", b"checkpoint 2 ", 1) if kind == "newer" else good
 
     def stop(self) -> str:
         """SIGINT and SIGTERM at a random moment of the run."""
@@ -247,8 +266,7 @@ class Faults:
         if not (folder / "config.yaml").exists():
             shutil.rmtree(folder)
             return "full before the run began"
-        saved = (folder / checkpoint.FILE).exists()
-        return self._resume(folder, "full after a checkpoint" if saved else "full before a checkpoint")
+        return self._resume(folder, "full after a checkpoint" if is_saved(folder) else "full before a checkpoint")
 
     def readonly(self) -> str:
         """A run begun or resumed in a folder that cannot be written to."""

@@ -99,14 +99,18 @@ class Result:
         }
 
 
+def ticks_of(config: Config) -> tuple[int, int | None]:
+    """How many ticks a task has, and the first one in which food is poison; None where it never turns."""
+    coding, world = config.body()
+    ticks = max(1, round(1000 * config.seconds / coding.tick))
+    return ticks, None if world.poison_from is None else math.ceil(round(1000 * world.poison_from) / coding.tick)
+
+
 def marks_of(config: Config, samples: int) -> list[int]:
     """The ticks after which to count: `samples` of them, evenly spread; the nearest moves to food's turn to poison."""
-    coding, world = config.body()
-    tick = coding.tick
-    ticks = max(1, round(1000 * config.seconds / tick))
+    ticks, turn = ticks_of(config)
     marks = {round(ticks * (k + 1) / samples) for k in range(samples)} - {0}
-    if world.poison_from is not None:
-        turn = math.ceil(round(1000 * world.poison_from) / tick)
+    if turn is not None:
         marks = {mark for mark in marks if abs(mark - turn) >= 0.5 * ticks / samples} | {turn, ticks}
     return sorted(mark for mark in marks if 0 < mark <= ticks)
 
@@ -225,13 +229,14 @@ def tasks_of(options: BaselinesConfig) -> dict[str, Config]:
     """The configuration of every task, composed by the Hydra that runs.
 
     Raises:
-        ConfigError: if there is no task or no such agent, or a value is out of bounds.
+        ConfigError: if there is no task or no such agent, a value is out of bounds, or a task is over before its
+            food turns to poison.
     """
     check_bounds(options)
     allowed = [SPIKING, *AGENTS]
-    for name in options.agents:
-        if name not in allowed:
-            raise ConfigError("agents", name, f"must be one of {', '.join(allowed)}")
+    for agent in options.agents:
+        if agent not in allowed:
+            raise ConfigError("agents", agent, f"must be one of {', '.join(allowed)}")
     for key in ("tasks", "agents"):
         if not getattr(options, key):
             raise ConfigError(key, "empty", "at least one is needed")
@@ -240,10 +245,20 @@ def tasks_of(options: BaselinesConfig) -> dict[str, Config]:
     tasks: dict[str, Config] = {
         name: plain(hydra.compose("config", overrides=[*task, *overrides])) for name, task in options.tasks.items()
     }
-    for config in tasks.values():
+    for name, config in tasks.items():
         check(config)
         torch_device(config.device)
+        _check_turn(name, config)
     return tasks
+
+
+def _check_turn(task: str, config: Config) -> None:
+    """Raise ConfigError if the task is over before its food turns to poison, as which it would be listed."""
+    ticks, turn = ticks_of(config)
+    if turn is not None and turn >= ticks:
+        _, world = config.body()
+        allowed = f"must be greater than the {world.poison_from:g} s after which food turns to poison in {task}"
+        raise ConfigError("seconds", config.seconds, f"{allowed} (leave that task out with ~tasks.{task})")
 
 
 def job(composed: DictConfig) -> None:

@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path, PurePath
+from pathlib import Path
 from typing import Any
 
 import hydra
-from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra.core.config_store import ConfigStore
 from hydra.core.global_hydra import GlobalHydra
-from omegaconf import DictConfig, OmegaConf
-from omegaconf.errors import OmegaConfBaseException
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from yaml import YAMLError
 
+from snnrl.configuration.loader import guarded
+from snnrl.configuration.refusals import Refusal, misfit, reason, unreadable
 from snnrl.configuration.schema import BaselinesConfig, Config, ConfigError
 
 ConfigStore.instance().store(name="schema", node=Config)
 ConfigStore.instance().store(name="baselines_schema", node=BaselinesConfig)
-# what the names that make objects may begin with
-ALLOWED: dict[Any, tuple[str, ...]] = {
-    "_target_": ("hydra._internal.core_plugins.", "hydra_plugins."),
-    "class": ("logging.",),
-    "()": ("colorlog.",),
-}
 
 
 def conf_dir() -> str:
@@ -32,44 +25,6 @@ def conf_dir() -> str:
     here = Path(__file__).resolve().parents[1]
     installed = here / "conf"
     return str(installed if installed.is_dir() else here.parent / "conf")
-
-
-@contextmanager
-def guarded() -> Iterator[None]:
-    """While this lasts, what Hydra composes is checked before Hydra acts on it.
-
-    Raises:
-        ConfigError: where a choice leaves the folder of its group, or an object is to be made that is
-            neither Hydra's own nor of one of its plugins.
-    """
-    load = ConfigLoaderImpl.load_configuration
-
-    def checked(self: ConfigLoaderImpl, *args: Any, **kwargs: Any) -> DictConfig:
-        try:
-            config = load(self, *args, **kwargs)
-        except RecursionError:
-            raise ConfigError("configuration", "...", "is nested too deeply") from None
-        for group, choice in config.hydra.runtime.choices.items():
-            if choice is not None and (".." in PurePath(choice).parts or PurePath(choice).is_absolute()):
-                raise ConfigError(group, choice, "must be a name inside the folder of configurations")
-        _check_objects(OmegaConf.to_container(config.hydra, resolve=False), "hydra")
-        return config
-
-    ConfigLoaderImpl.load_configuration = checked  # type: ignore[method-assign]
-    try:
-        yield
-    finally:
-        ConfigLoaderImpl.load_configuration = load  # type: ignore[method-assign]
-
-
-def _check_objects(node: Any, key: str) -> None:
-    """`_target_` is Hydra's way to name a callable; `()` and `class` are those of its logging."""
-    parts = node.items() if isinstance(node, dict) else enumerate(node) if isinstance(node, list) else ()
-    for name, value in parts:
-        path = f"{key}.{name}"
-        if name in ALLOWED and not str(value).startswith(ALLOWED[name]):
-            raise ConfigError(path, value, f"must begin with {' or '.join(ALLOWED[name]) or 'nothing: not allowed'}")
-        _check_objects(value, path)
 
 
 def compose(*overrides: str) -> Config:
@@ -94,9 +49,16 @@ def load(path: Path) -> Config:
     """
     try:
         saved = OmegaConf.load(path)
+    except (YAMLError, OmegaConfBaseException, UnicodeDecodeError, RecursionError, OSError) as error:
+        if isinstance(error, OSError) and error.errno:
+            raise
+        raise unreadable(error, path) from error
+    if found := misfit(Config, OmegaConf.to_container(saved, resolve=False)):
+        raise Refusal(f"{path}: {found}")
+    try:
         return plain(OmegaConf.merge(OmegaConf.structured(Config), saved))  # type: ignore[arg-type]
-    except (OmegaConfBaseException, YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError("config", path, " ".join(str(error).split())) from error
+    except OmegaConfBaseException as error:
+        raise Refusal(f"{path}: {reason(error)}") from error
 
 
 def dump(config: Config) -> str:
@@ -113,5 +75,7 @@ def plain(config: DictConfig) -> Any:
     try:
         return OmegaConf.to_object(config)
     except OmegaConfBaseException as error:
-        message = str(error).splitlines()[0]
-        raise ConfigError(error.full_key or "config", "?", message) from error
+        key, node = error.full_key or "configuration", error.child_node
+        if isinstance(error, MissingMandatoryValue):
+            raise ConfigError(key, MISSING, "a value must be given") from error
+        raise ConfigError(key, "?" if node is None else node._value(), str(error).splitlines()[0]) from error

@@ -163,15 +163,17 @@ def pairs_of(pre: np.ndarray, post: np.ndarray, rule: Plasticity, start: int = 0
 
     Args:
         pre, post: ms, ascending; what is before `start` can only be the earlier spike of a pair.
+        rule: says what two spikes of one ms make, see `Plasticity`.
     """
+    depresses = rule.simultaneous == "depresses"
     pre_before, post_before = np.append(NEVER, pre), np.append(NEVER, post)
-    alone = np.setdiff1d(pre, post)
-    partner = pre_before[np.searchsorted(pre, post, "right")]
-    missed = post_before[np.searchsorted(post, alone, "left")]
+    late = pre if depresses else np.setdiff1d(pre, post)
+    partner = pre_before[np.searchsorted(pre, post, "left" if depresses else "right")]
+    missed = post_before[np.searchsorted(post, late, "right")]
     gain = rule.potentiation * np.exp((partner - post) / rule.tau_plus)
-    loss = -rule.depression * np.exp((missed - alone) / rule.tau_minus)
-    at = np.concatenate([post, alone])
-    pairs = np.concatenate([partner, alone]), np.concatenate([post, missed]), np.concatenate([gain, loss])
+    loss = -rule.depression * np.exp((missed - late) / rule.tau_minus)
+    at = np.concatenate([post, late])
+    pairs = np.concatenate([partner, late]), np.concatenate([post, missed]), np.concatenate([gain, loss])
     real = (np.minimum(pairs[0], pairs[1]) > NEVER) & (at >= start)
     order = np.argsort(at[real], kind="stable")
     return Pairs(*(values[real][order] for values in pairs))

@@ -1,7 +1,8 @@
 """Checkpoints: the whole state of an unfinished run in one file, from which it goes on as if never stopped.
 
-The file is a line `snnrl checkpoint FORMAT SHA256` followed by the bytes of which that is the digest: tensors,
-numbers and text as `torch.save` writes them. They are read with `weights_only=True`, which runs no code.
+A folder has the newest and, should that be damaged, the one before it; from the first on, one is there at any moment.
+A file is a line `snnrl checkpoint FORMAT SHA256` followed by the bytes of which that is the digest: tensors, numbers
+and text as `torch.save` writes them. They are read with `weights_only=True`, which runs no code.
 """
 
 from __future__ import annotations
@@ -9,7 +10,9 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import os
 import re
+import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from pickle import UnpicklingError
@@ -21,9 +24,13 @@ from snnrl.configuration.schema import Config
 from snnrl.files import FolderError, write
 from snnrl.simulation import Simulation, TaskSimulation
 
-FILE = "checkpoint.pt"
+FILE, PREVIOUS = "checkpoint.pt", "checkpoint.previous.pt"
 FORMAT = 1
 WITHOUT_EFFECT = ("threads", "checkpoint.")  # on any result
+
+
+class Damaged(FolderError):
+    """A checkpoint is not what was written."""
 
 
 @dataclass(frozen=True)
@@ -66,35 +73,59 @@ def difference(theirs: dict[str, Any], ours: dict[str, Any]) -> str | None:
 
 
 def save(folder: Path, checkpoint: Checkpoint) -> None:
-    """Replace the folder's checkpoint.
+    """Add a checkpoint to the folder's; the newest of those becomes the one before it, which is forgotten.
 
     Raises:
-        OSError: it could not be written; the last one is untouched.
+        OSError: it could not be written; the others are untouched.
     """
     buffer = io.BytesIO()
     torch.save({**vars(checkpoint), "config": json.dumps(checkpoint.config)}, buffer)
     content = buffer.getvalue()
-    write(folder / FILE, f"snnrl checkpoint {FORMAT} {hashlib.sha256(content).hexdigest()}\n".encode() + content)
+    head = f"snnrl checkpoint {FORMAT} {hashlib.sha256(content).hexdigest()}\n"
+    write(folder / FILE, head.encode() + content, keep=folder / PREVIOUS)
 
 
 def load(folder: Path, config: Config, simulation: Simulation | TaskSimulation) -> Checkpoint | None:
     """Bring a fresh simulation to the state of the folder's checkpoint; None if it has none.
 
+    Where the newest is damaged, the one before takes its place, and a line on stderr says so.
+
     Raises:
-        FolderError: it is damaged, from a newer version, or of a run with other settings.
+        FolderError: all are damaged, or one is from a newer version, or of a run with other settings.
     """
-    path = folder / FILE
-    if not path.exists():
-        return None
+    damages: list[str] = []
+    for path in (folder / FILE, folder / PREVIOUS):
+        try:
+            checkpoint = _restore(path, config, simulation) if path.exists() else None
+        except Damaged as damage:
+            damages.append(str(damage))
+            continue
+        if checkpoint is not None:
+            if damages:
+                os.replace(path, folder / FILE)
+                print(f"{damages[0]}; going on from the one before, {path.name}", file=sys.stderr)
+            return checkpoint
+    if damages:
+        raise FolderError("; ".join(damages))
+    return None
+
+
+def remove(folder: Path) -> None:
+    """Leave no checkpoint."""
+    for name in (FILE, PREVIOUS):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _restore(path: Path, config: Config, simulation: Simulation | TaskSimulation) -> Checkpoint:
     head, _, content = path.read_bytes().partition(b"\n")
     match = re.fullmatch(rb"snnrl checkpoint (\d+) ([0-9a-f]{64})", head)
     if not match:
-        raise FolderError(f"{path}: damaged, or not a checkpoint")
+        raise Damaged(f"{path}: damaged, or not a checkpoint")
     version = int(match[1])
     if version > FORMAT:
         raise FolderError(f"{path}: format {version} is newer than this version of snnrl, which reads {FORMAT}")
     if hashlib.sha256(content).hexdigest().encode() != match[2]:
-        raise FolderError(f"{path}: damaged (its checksum does not fit)")
+        raise Damaged(f"{path}: damaged (its checksum does not fit)")
     try:
         found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
         checkpoint = Checkpoint(**{**found, "config": json.loads(found["config"])})

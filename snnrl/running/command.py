@@ -10,15 +10,18 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import hydra
+from hydra._internal.utils import get_args_parser
 from hydra.errors import HydraException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from snnrl.configuration.compose import conf_dir, guarded
+from snnrl.configuration.compose import conf_dir
+from snnrl.configuration.loader import guarded
+from snnrl.configuration.refusals import Refusal, reason
 from snnrl.configuration.schema import ConfigError
 from snnrl.files import FolderError
 from snnrl.running.job import Interrupted
@@ -60,20 +63,14 @@ def explain(error: BaseException | None) -> str:
 def _explanation(error: BaseException | None) -> str:
     cause = error
     while cause is not None:
-        if isinstance(cause, OmegaConfBaseException) and cause.full_key:
-            if "experiment.name" in str(cause) or cause.full_key == "experiment.name":
-                names = sorted(["baselines", *(path.stem for path in Path(conf_dir(), "experiment").glob("*.yaml"))])
-                return f"experiment: must be given as +experiment=NAME, NAME one of {', '.join(names)}"
-            text = str(cause).splitlines()[0]
-            if is_dataclass(cause.object_type) and ("not in" in text or "not a" in text):
-                allowed = ", ".join(field.name for field in fields(cause.object_type))
-                return f"{cause.full_key}: no such key; allowed here: {allowed}"
-            return f"{cause.full_key}: {text}"
+        if isinstance(cause, OmegaConfBaseException) and "experiment.name" in f"{cause} {cause.full_key}":
+            names = sorted(["baselines", *(path.stem for path in Path(conf_dir(), "experiment").glob("*.yaml"))])
+            return f"experiment: must be given as +experiment=NAME, NAME one of {', '.join(names)}"
         cause = cause.__cause__
-    text, _, _ = str(error).partition("Config search path")
-    if not isinstance(error, (*BAD_INPUT, JobFailed, Interrupted)):
-        text = f"{type(error).__name__}: {text}"
-    return " ".join(text.split())
+    if isinstance(error, (HydraException, OmegaConfBaseException)):
+        return reason(error)
+    text = " ".join(str(error).split())
+    return text if isinstance(error, (*BAD_INPUT, JobFailed, Interrupted)) else f"{type(error).__name__}: {text}"
 
 
 def launch(program: str, start: Callable[[], None]) -> None:
@@ -107,6 +104,19 @@ def status(error: BaseException) -> int:
 
 
 def hydra_job(job: Callable[[DictConfig], float | None], config: str) -> None:
-    """What a Hydra application does, with the configuration of that name."""
+    """What a Hydra application does, with the configuration of that name.
+
+    Raises:
+        ConfigError: for options that Hydra does not have, and for the one by which it would unpickle a file.
+    """
+
+    def refuse(message: str) -> NoReturn:
+        raise Refusal(f"{message}; options go before or after all KEY=VALUE, --help lists them")
+
+    parser = get_args_parser()
+    parser.error = refuse  # type: ignore[method-assign]
+    parser.allow_abbrev = False
+    if parser.parse_args().experimental_rerun is not None:
+        raise Refusal("--experimental-rerun: is not supported; resume=RUN_FOLDER goes on with a run")
     with guarded():
         hydra.main(version_base="1.3", config_path=conf_dir(), config_name=config)(job)()

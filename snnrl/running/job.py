@@ -1,7 +1,7 @@
 """One run in its folder: build, simulate, record, summarise; stopped at any moment, it goes on from its checkpoint.
 
 A run folder belongs to one configuration. Until the run is complete it holds `config.yaml`, TensorBoard events
-and, once there is one, the checkpoint; what stopped it is in `summary.json`. Complete, it holds the results,
+and checkpoints, once there are some; what stopped it is in `summary.json`. Complete, it holds the results,
 and `summary.json`, written last, says so.
 """
 
@@ -139,6 +139,7 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
             if differs := difference(settings(load(folder / "config.yaml")), settings(config)):
                 raise FolderError(f"{folder}: holds another run ({differs})")
             if read_summary(folder)["complete"]:
+                checkpoint.remove(folder)  # which its process may not have come to
                 return read_summary(folder)
         saved = checkpoint.load(folder, config, simulation)
         if begun:
@@ -273,4 +274,4 @@ def simulate(
         },
     }
     write_json(folder / "summary.json", summary)
-    (folder / checkpoint.FILE).unlink(missing_ok=True)
+    checkpoint.remove(folder)

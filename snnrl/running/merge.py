@@ -1,10 +1,11 @@
-"""Merge shards and sweeps into one table: a row for each experiment, robot and set of overrides.
+"""Merge shards and sweeps into one table: a row for each experiment, robot and choice of settings.
 
-    python -m snnrl.collect RUNS... [-o table.csv | -o table.parquet]
+    python -m snnrl.collect RUNS... [--latest] [-o table.csv | -o table.parquet]
 
 RUNS are run folders, or folders that hold some (a sweep, or all of runs/). Runs that differ only in which trials
-they simulate are shards of one row. Intervals are 95 %: Student's t for the mean of the food collected, Wilson's
-for the fraction of trials that learnt.
+they simulate are shards of one row. What was set on the command line has a column, and so has what differs between
+runs of one experiment and robot. Intervals are 95 %: Student's t for the mean of the food collected, or of the
+rewards of a task, Wilson's for the fraction of trials that learnt.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from __future__ import annotations
 import argparse
 import csv
 import io
+import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,34 +33,33 @@ from snnrl.running.job import read_summary
 LEVEL = 0.95
 OF_A_SHARD = ("trials", "trial_start")
 WITHOUT_EFFECT = ("threads", "checkpoint.", "record.")  # on the trials
-COLUMNS = (
-    "experiment",
-    "robot",
-    "overrides",
-    "seconds",
-    "trials",
-    "food_mean",
-    "food_sd",
-    "food_low",
-    "food_high",
-    "correct",
-    "correct_low",
-    "correct_high",
-)
+NAMED = ("experiment", "robot", "experiment.name", "robot.name", "seconds")  # by columns that there always are
+SCORES = ("food", "rewards")  # of a robot, of a task
 
 
 @dataclass(frozen=True)
 class Run:
-    """A complete run: its folder, what its trials depend on, and per trial the food and whether it learnt."""
+    """A complete run.
+
+    Attributes:
+        seconds: simulated, of each trial.
+        settings: what its trials depend on.
+        chosen: what its command line set, by key; a file of a group by the group's.
+        score: which of SCORES it has, and `values` those of its trials.
+        correct: which trials have learnt, where something says so.
+        ended: s since the epoch.
+    """
 
     folder: Path
     experiment: str
     robot: str
-    overrides: str
     seconds: float
     settings: dict[str, Any]
-    food: dict[int, int]
+    chosen: dict[str, Any]
+    score: str
+    values: dict[int, float]
     correct: dict[int, bool]
+    ended: float
 
 
 def run_folders(paths: Iterable[Path]) -> list[Path]:
@@ -86,54 +87,87 @@ def read(folder: Path) -> Run | None:
     if not summary["complete"]:
         return None
     try:
-        everything = settings(load(folder / "config.yaml"))
+        config = load(folder / "config.yaml")
+        score = "food" if config.task is None else "rewards"
         rows = list(csv.DictReader((folder / "trials.csv").open()))
-        food = {int(row["trial"]): int(row["food"]) for row in rows}
-        correct = {int(row["trial"]): row["correct"] == "1" for row in rows if row["correct"]}
-    except (OSError, ConfigError, KeyError, ValueError, TypeError) as error:
+        values = {int(row["trial"]): float(row[score]) for row in rows}
+        correct = {int(row["trial"]): row["correct"] == "1" for row in rows if row.get("correct")}
+        ended = (folder / "summary.json").stat().st_mtime
+        known = {key: value for key, value in settings(config).items() if not _is_left_out(key)}
+        names = summary["experiment"], summary["robot"], float(summary["seconds"])
+        chosen = choices(summary["overrides"], known)
+    except (OSError, ConfigError, KeyError, ValueError, TypeError, AttributeError) as error:
         raise FolderError(f"{folder}: cannot be read ({error})") from error
-    start, count = everything["trial_start"], everything["trials"]
-    if [int(row["trial"]) for row in rows] != list(range(start, start + count)):
-        raise FolderError(f"{folder}: trials.csv does not hold the trials {start} to {start + count - 1}")
-    named = ("+experiment", "experiment", "robot", *OF_A_SHARD)
-    overrides = " ".join(
-        text
-        for text in sorted(summary["overrides"])
-        if not text.lstrip("+").startswith(WITHOUT_EFFECT) and text.partition("=")[0] not in named
-    )
-    kept = {k: v for k, v in everything.items() if k not in OF_A_SHARD and not k.startswith(WITHOUT_EFFECT)}
-    return Run(folder, summary["experiment"], summary["robot"], overrides, summary["seconds"], kept, food, correct)
+    trials = range(config.trial_start, config.trial_start + config.trials)
+    if [int(row["trial"]) for row in rows] != list(trials):
+        raise FolderError(f"{folder}: trials.csv does not hold the trials {trials[0]} to {trials[-1]}")
+    return Run(folder, *names, known, chosen, score, values, correct, ended)
 
 
-def merge(runs: Sequence[Run]) -> dict[str, Any]:
-    """One row from the shards of one cell.
+def _is_left_out(key: str) -> bool:
+    return key in OF_A_SHARD or key.startswith(WITHOUT_EFFECT)
+
+
+def choices(overrides: Iterable[str], settings: dict[str, Any]) -> dict[str, Any]:
+    """What a command line has set, by key: the settings themselves, or the name of a file of settings."""
+    chosen: dict[str, Any] = {}
+    for override in overrides:
+        key, _, text = override.lstrip("+~").partition("=")
+        if key in NAMED or _is_left_out(key):
+            continue
+        inside = [name for name in settings if name.startswith(f"{key}.")]
+        if text.startswith("{"):
+            chosen |= {name: settings[name] for name in inside}
+        elif key in settings or inside:
+            chosen[key] = settings.get(key, text)
+    return chosen
+
+
+def columns(runs: Sequence[Run]) -> list[str]:
+    """The keys that runs were given, or in which those of one experiment and robot differ."""
+    found = {key for run in runs for key in run.chosen}
+    for alike in _grouped(runs, lambda run: (run.experiment, run.robot)):
+        inside = tuple(f"{key}." for run in alike for key in run.chosen)  # a file has one column
+        keys = {key for run in alike for key in run.settings if not key.startswith(inside)}
+        found |= {key for key in keys if len({str(run.settings.get(key)) for run in alike}) > 1}
+    return sorted(found - set(NAMED))
+
+
+def _grouped(runs: Iterable[Run], key: Callable[[Run], Hashable]) -> list[list[Run]]:
+    groups: dict[Hashable, list[Run]] = {}
+    for run in runs:
+        groups.setdefault(key(run), []).append(run)
+    return list(groups.values())
+
+
+def merge(runs: Sequence[Run], latest: bool) -> dict[str, Any]:
+    """What the table says of the shards of one cell, but for its settings.
+
+    Args:
+        latest: whether the newest run that has a trial counts where more than one has it.
 
     Raises:
-        FolderError: two of them simulate the same trial, or differ in more than their trials.
+        FolderError: two of them have the same trial, and which of them counts is not said.
     """
-    first = runs[0]
-    owner: dict[int, Path] = {}
-    for run in runs:
-        if differs := difference(run.settings, first.settings):
-            raise FolderError(f"{run.folder}: contradicts {first.folder} ({differs})")
-        for trial in run.food:
-            if trial in owner:
-                raise FolderError(f"{run.folder}: overlaps with {owner[trial]} (trial {trial})")
-            owner[trial] = run.folder
-    food = np.array([count for run in runs for count in run.food.values()], dtype=float)
-    correct = [learnt for run in runs for learnt in run.correct.values()]
-    low, high = mean_interval(food)
+    owner: dict[int, Run] = {}
+    for run in sorted(runs, key=lambda run: run.ended):
+        for trial in run.values:
+            if trial in owner and not latest:
+                other = owner[trial].folder
+                raise FolderError(f"{run.folder}: repeats {other} (trial {trial}); with --latest the newer counts")
+            owner[trial] = run
+    values = np.array([owner[trial].values[trial] for trial in sorted(owner)])
+    correct = [run.correct[trial] for trial, run in owner.items() if trial in run.correct]
+    low, high = mean_interval(values)
     at_least, at_most = fraction_interval(correct)
+    score = runs[0].score
     return {
-        "experiment": first.experiment,
-        "robot": first.robot,
-        "overrides": first.overrides,
-        "seconds": first.seconds,
-        "trials": len(food),
-        "food_mean": float(food.mean()),
-        "food_sd": float(food.std(ddof=1)) if len(food) > 1 else None,
-        "food_low": low,
-        "food_high": high,
+        "seconds": runs[0].seconds,
+        "trials": len(values),
+        f"{score}_mean": float(values.mean()),
+        f"{score}_sd": float(values.std(ddof=1)) if len(values) > 1 else None,
+        f"{score}_low": low,
+        f"{score}_high": high,
         "correct": sum(correct) / len(correct) if correct else None,
         "correct_low": at_least,
         "correct_high": at_most,
@@ -156,21 +190,46 @@ def fraction_interval(outcomes: Sequence[bool]) -> tuple[float | None, float | N
     return float(interval.low), float(interval.high)
 
 
-def collect(paths: Iterable[Path]) -> tuple[list[dict[str, Any]], list[Path]]:
+def collect(paths: Iterable[Path], latest: bool = False) -> tuple[list[dict[str, Any]], list[Path]]:
     """The table of all runs in some folders, and the folders of runs that are not complete.
 
+    All its rows have the same columns; what a run does not have is None.
+
+    Args:
+        latest: whether the newest run that has a trial counts where more than one has it.
+
     Raises:
-        FolderError: names a folder that holds no run, is damaged, or overlaps with or contradicts another.
+        FolderError: names a folder that holds no run, is damaged, repeats another, or differs from one in what has no
+            column: in what a file held that both have chosen.
     """
-    cells: dict[tuple[str, str, str], list[Run]] = {}
-    incomplete = []
-    for folder in run_folders(paths):
-        run = read(folder)
-        if run is None:
-            incomplete.append(folder)
-        else:
-            cells.setdefault((run.experiment, run.robot, run.overrides), []).append(run)
-    return [merge(cells[cell]) for cell in sorted(cells)], incomplete
+    read_in = {folder: read(folder) for folder in run_folders(paths)}
+    runs = [run for run in read_in.values() if run is not None]
+    keys = columns(runs)
+    tables = {key for key in keys for run in runs for name in run.settings if name.startswith(f"{key}.")}
+
+    def chosen(run: Run, key: str) -> Any:
+        value = run.chosen.get(key, run.settings.get(key))
+        return "null" if value is None and key in tables and key in run.settings else value
+
+    rows, told = [], dict[str, Run]()
+    for cell in _grouped(runs, lambda run: (run.experiment, run.robot, json.dumps(run.settings, sort_keys=True))):
+        merged = {key: next((v for run in cell if (v := chosen(run, key)) is not None), None) for key in keys}
+        first = cell[0]
+        other = told.setdefault(str((first.experiment, first.robot, first.seconds, merged)), first)
+        if differs := difference(first.settings, other.settings):
+            raise FolderError(f"{first.folder}: contradicts {other.folder} ({differs})")
+        rows.append({"experiment": first.experiment, "robot": first.robot, **merged, **merge(cell, latest)})
+    rows.sort(key=lambda row: [row["experiment"], row["robot"], *(_order(row[key]) for key in keys)])
+    scores = [f"{score}_{part}" for score in SCORES for part in ("mean", "sd", "low", "high")]
+    wanted = ("experiment", "robot", *keys, "seconds", "trials", *scores, "correct", "correct_low", "correct_high")
+    there = [name for name in wanted if name not in scores or any(name in row for row in rows)]
+    return [{name: row.get(name) for name in there} for row in rows], [f for f, run in read_in.items() if run is None]
+
+
+def _order(value: Any) -> tuple[bool, float, str]:
+    """Numbers by their size, before all else by its text."""
+    is_number = isinstance(value, (int, float))
+    return not is_number, value if is_number else 0.0, str(value)
 
 
 def save(table: Sequence[dict[str, Any]], path: Path) -> None:
@@ -182,34 +241,42 @@ def save(table: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def as_csv(table: Sequence[dict[str, Any]]) -> str:
+    if not table:
+        return ""
     text = io.StringIO()
-    rows = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    rows = csv.DictWriter(text, list(table[0]), lineterminator="\n")
     rows.writeheader()
     rows.writerows(table)
     return text.getvalue()
 
 
 def as_parquet(table: Sequence[dict[str, Any]]) -> bytes:
+    """Columns of whole numbers, of numbers, of truth values, or else of text."""
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         raise FolderError('-o NAME.parquet: needs pip install "snnrl[parquet]"') from None
-    kinds = {"experiment": pyarrow.string(), "robot": pyarrow.string(), "overrides": pyarrow.string()}
-    kinds["trials"] = pyarrow.int64()
-    schema = pyarrow.schema([(name, kinds.get(name, pyarrow.float64())) for name in COLUMNS])
+    arrays = {}
+    for name in table[0] if table else ():
+        values = [row[name] for row in table]
+        types = {type(value) for value in values if value is not None}
+        if types and not (types <= {int, float} or types == {bool}):
+            values = [None if value is None else str(value) for value in values]
+        arrays[name] = pyarrow.array(values, None if types else pyarrow.float64())
     buffer = io.BytesIO()
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(table), schema=schema), buffer)
+    pyarrow.parquet.write_table(pyarrow.table(arrays), buffer)
     return buffer.getvalue()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("runs", nargs="+", type=Path)
+    parser.add_argument("--latest", action="store_true", help="of runs that repeat a trial, the newest counts")
     parser.add_argument("-o", "--output", type=Path, help="a .csv or .parquet file; otherwise CSV is printed")
     arguments = parser.parse_args()
     try:
-        table, incomplete = collect(arguments.runs)
+        table, incomplete = collect(arguments.runs, arguments.latest)
         for folder in incomplete:
             print(f"snnrl.collect: {folder}: left out, the run is not complete", file=sys.stderr)
         if arguments.output is None:
