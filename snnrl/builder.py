@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import torch
 from torch import Tensor, nn
 
 from snnrl.body.coding import Coding, Pulse
 from snnrl.body.world import TOUCHES, RangeSensor, World
 from snnrl.configuration import footprint
+from snnrl.configuration.functions import function
 from snnrl.configuration.schema import (
     CodingConfig,
     Config,
     ConfigError,
-    DopamineConfig,
     GroupConfig,
     HomeostasisConfig,
+    ModulatorConfig,
     NetworkConfig,
     NeuronConfig,
+    PlasticityConfig,
     ProjectionConfig,
     RobotConfig,
     StimuliConfig,
@@ -27,10 +31,11 @@ from snnrl.configuration.schema import (
 )
 from snnrl.model.draws import Draws, stream
 from snnrl.model.homeostasis import Homeostasis
-from snnrl.model.modulators import Dopamine
+from snnrl.model.modulators import Modulator, burst
 from snnrl.model.network import Network
-from snnrl.model.neurons import NeuronGroup
-from snnrl.model.synapses import Plasticity, Projection
+from snnrl.model.neurons import IZHIKEVICH, NeuronGroup, NeuronModel
+from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate
+from snnrl.model.synapses import DOPAMINE, Projection
 from snnrl.simulation import Simulation, TaskSimulation
 from snnrl.tasks.task import Coincidence, Reward, Stimuli, Task
 
@@ -108,41 +113,73 @@ def build_network(
     check_network(config, robot)
     footprint.check(footprint.of_network(config, len(draws.trials)))
     groups = [_group(name, group, config.neurons[group.neuron], draws, dtype) for name, group in config.groups.items()]
+    rules = {name: _plasticity(_rule_key(name), rule) for name, rule in rule_configs(config).items()}
     projections = [
-        _projection(name, projection, config, robot, draws, dtype) for name, projection in config.projections.items()
+        _projection(name, projection, config, robot, draws, dtype, rules)
+        for name, projection in config.projections.items()
     ]
-    rule = config.plasticity
     return kind(
         groups,
         projections,
         draws,
         config.synaptic_gain,
-        Plasticity(
-            rule.potentiation,
-            rule.depression,
-            rule.tau_plus,
-            rule.tau_minus,
-            rule.tau_eligibility,
-            rule.weight_max,
-            rule.simultaneous,
-        ),
-        None if config.dopamine is None else _dopamine(config.dopamine, draws, dtype),
+        [_modulator(name, modulator, draws, dtype) for name, modulator in modulator_configs(config).items()],
         {} if config.homeostasis is None else _homeostasis(config.homeostasis, projections),
     )
 
 
-def _dopamine(config: DopamineConfig, draws: Draws, dtype: torch.dtype) -> Dopamine:
-    return Dopamine(
-        config.source,
-        len(draws.trials),
-        config.baseline,
-        config.tau,
-        config.release,
-        config.delay,
-        config.threshold,
-        dtype,
-        draws.trials.device,
-    )
+def rule_configs(config: NetworkConfig) -> dict[str, PlasticityConfig]:
+    """The plasticity rules by name; the one without a name is that of whoever names none."""
+    return {"": config.plasticity, **config.rules}
+
+
+def _rule_key(name: str) -> str:
+    return f"network.rules.{name}" if name else "network.plasticity"
+
+
+def _plasticity(key: str, config: PlasticityConfig) -> Plasticity:
+    functions = {
+        name: function(f"{key}.{name}", getattr(config, name), {own.__name__: own for own in owns})
+        for name, owns in (("at_post", (potentiate,)), ("at_pre", (depress,)), ("weight_rule", (hard_bounds,)))
+    }
+    try:
+        return Plasticity(**{**vars(config), "values": dict(config.values), **functions})
+    except ValueError as error:
+        raise ConfigError(key, "...", str(error)) from error
+
+
+def modulator_configs(config: NetworkConfig) -> dict[str, ModulatorConfig]:
+    """All modulators by name, dopamine first."""
+    return ({} if config.dopamine is None else {DOPAMINE: config.dopamine}) | config.modulators
+
+
+def _modulator_key(name: str) -> str:
+    return "network.dopamine" if name == DOPAMINE else f"network.modulators.{name}"
+
+
+def _modulator(name: str, config: ModulatorConfig, draws: Draws, dtype: torch.dtype) -> Modulator:
+    key = _modulator_key(name)
+    released = function(f"{key}.released", config.released, {"burst": burst})
+    sources = {"count": config.source} if config.source is not None else dict(config.sources)
+    values = {"release": config.release, "threshold": float(config.threshold), **config.values}
+    try:
+        return Modulator(
+            name,
+            sources,
+            len(draws.trials),
+            config.baseline,
+            config.tau,
+            config.delay,
+            values,
+            dtype,
+            draws.trials.device,
+            released,
+            config.smoothing,
+            config.signed,
+            config.reward,
+        )
+    except ValueError as error:
+        raise ConfigError(f"{key}.values", "...", str(error)) from error
 
 
 def _homeostasis(config: HomeostasisConfig, projections: list[Projection]) -> dict[str, Homeostasis]:
@@ -157,22 +194,29 @@ def _homeostasis(config: HomeostasisConfig, projections: list[Projection]) -> di
     }
 
 
+def neuron_model(key: str, config: NeuronConfig) -> NeuronModel:
+    """The model that a configuration names; raises ConfigError."""
+    found = function(f"{key}.model", config.model, {"izhikevich": IZHIKEVICH})
+    try:
+        return found if isinstance(found, NeuronModel) else NeuronModel(found)
+    except ValueError as error:
+        raise ConfigError(f"{key}.model", config.model, str(error)) from error
+
+
+def neuron_parameters(config: NeuronConfig) -> dict[str, tuple[float, float]]:
+    """Value and spread of each parameter that is given."""
+    own = {name: (getattr(config, name), getattr(config, f"{name}_spread", 0.0)) for name in "abcd"}
+    given = {name: (value, config.spreads.get(name, 0.0)) for name, value in config.parameters.items()}
+    return {name: pair for name, pair in {**own, **given}.items() if pair[0] is not None}
+
+
 def _group(name: str, config: GroupConfig, neuron: NeuronConfig, draws: Draws, dtype: torch.dtype) -> NeuronGroup:
     squared = draws.at_start(stream("neurons", name), config.size) ** 2
-
-    def parameter(value: float, spread: float = 0.0) -> Tensor:
-        return (value + spread * squared).to(dtype)
-
-    return NeuronGroup(
-        name,
-        parameter(neuron.a),
-        parameter(neuron.b),
-        parameter(neuron.c, neuron.c_spread),
-        parameter(neuron.d, neuron.d_spread),
-        neuron.v,
-        config.current,
-        config.noise,
-    )
+    parameters = {
+        key: (value + spread * squared).to(dtype) for key, (value, spread) in neuron_parameters(neuron).items()
+    }
+    model = neuron_model(f"network.neurons.{config.neuron}", neuron)
+    return NeuronGroup(name, model, parameters, neuron.v, config.current, config.noise)
 
 
 def _projection(
@@ -182,6 +226,7 @@ def _projection(
     robot: RobotConfig,
     draws: Draws,
     dtype: torch.dtype,
+    rules: Mapping[str, Plasticity],
 ) -> Projection:
     kind: SynapseConfig = network.synapses[config.synapse]
     shape = (len(draws.trials), network.groups[config.pre].size, network.groups[config.post].size)
@@ -201,9 +246,10 @@ def _projection(
         config.post,
         connected,
         weight.view(shape).to(dtype),
-        kind.plastic and robot.learning and config.role not in robot.fixed,
+        rules[kind.rule] if kind.plastic and robot.learning and config.role not in robot.fixed else None,
         kind.delay,
         config.role,
+        dict(kind.listens) or None,
     )
 
 
@@ -294,6 +340,8 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
     for name, group in config.groups.items():
         _module_name("network.groups", name)
         _one_of(f"network.groups.{name}.neuron", group.neuron, config.neurons)
+    for name, neuron in config.neurons.items():
+        _check_neuron(f"network.neurons.{name}", neuron)
     if not config.groups:
         raise ConfigError("network.groups", "{}", "a network needs at least one group")
     for name, projection in config.projections.items():
@@ -306,17 +354,24 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
         if (kind.probability is None) == (kind.fan_out is None):
             key, value = f"network.synapses.{name}.probability", kind.probability
             raise ConfigError(key, value, "either probability or fan_out must be given")
-        largest = config.plasticity.weight_max
-        if kind.plastic and not (0 <= kind.weight <= largest and 0 <= kind.weight + kind.spread <= largest):
-            reach = f"{kind.weight:g} to {kind.weight + kind.spread:g}"
-            raise ConfigError(f"network.synapses.{name}.weight", reach, f"plastic weights are in [0, {largest:g}]")
+        _one_of(f"network.synapses.{name}.rule", kind.rule, rule_configs(config))
+        for listened in kind.listens:
+            _one_of(f"network.synapses.{name}.listens", listened, modulator_configs(config))
+        least, largest = _bounds(config, kind)
+        if kind.plastic and not all(least <= w <= largest for w in (kind.weight, kind.weight + kind.spread)):
+            reach, allowed = f"{kind.weight:g} to {kind.weight + kind.spread:g}", f"[{least:g}, {largest:g}]"
+            raise ConfigError(f"network.synapses.{name}.weight", reach, f"plastic weights are in {allowed}")
     for name, projection in config.projections.items():
         fan_out, targets = config.synapses[projection.synapse].fan_out, config.groups[projection.post].size
         if fan_out is not None and fan_out > targets:
             allowed = f"must be at most {targets}, the size of {projection.post} (in {name})"
             raise ConfigError(f"network.synapses.{projection.synapse}.fan_out", fan_out, allowed)
-    if config.dopamine is not None and config.dopamine.source is not None:
-        _one_of("network.dopamine.source", config.dopamine.source, config.groups)
+    if DOPAMINE in config.modulators:
+        raise ConfigError("network.modulators", DOPAMINE, "is given as network.dopamine")
+    for called, modulator in modulator_configs(config).items():
+        _module_name("network.modulators", called)
+        for source in [modulator.source] if modulator.source is not None else modulator.sources.values():
+            _one_of(f"{_modulator_key(called)}.source", source, config.groups)
     roles = sorted({projection.role for projection in config.projections.values()} - {""})
     used: dict[str, str] = {}
     for name, members in ({} if config.homeostasis is None else config.homeostasis.sets).items():
@@ -327,11 +382,30 @@ def check_network(config: NetworkConfig, robot: RobotConfig = UNTAUGHT) -> None:
                 raise ConfigError(key, role, f"already belongs to the set {used[role]}")
     for role, weight in robot.weights.items():
         _one_of("robot.weights", role, roles)
-        if not 0 <= weight <= config.plasticity.weight_max:
-            allowed = f"must be in [0, {config.plasticity.weight_max:g}]"
-            raise ConfigError(f"robot.weights.{role}", weight, allowed)
+        for kind in (config.synapses[p.synapse] for p in config.projections.values() if p.role == role):
+            least, largest = _bounds(config, kind)
+            if not least <= weight <= largest:
+                raise ConfigError(f"robot.weights.{role}", weight, f"must be in [{least:g}, {largest:g}]")
     for role in robot.fixed:
         _one_of("robot.fixed", role, roles)
+
+
+def _bounds(config: NetworkConfig, kind: SynapseConfig) -> tuple[float, float]:
+    """Of the weights of a kind of synapse, if it is plastic."""
+    rule = rule_configs(config)[kind.rule]
+    return rule.weight_min, rule.weight_max
+
+
+def _check_neuron(key: str, config: NeuronConfig) -> None:
+    """The parameters of its model must be there, and no others."""
+    needed, given = neuron_model(key, config).parameters, neuron_parameters(config)
+    for name in needed:
+        if name not in given:
+            where = name if name in vars(config) else f"parameters.{name}"
+            raise ConfigError(f"{key}.{where}", None, f"must be given; {config.model} has {', '.join(needed)}")
+    for name in (*given, *config.spreads):
+        if name not in needed:
+            raise ConfigError(f"{key}.parameters", name, f"{config.model} has {', '.join(needed)}")
 
 
 def check_contradictions(config: Config) -> None:
@@ -389,7 +463,7 @@ def check_task(config: Config) -> None:
     check_network(network, config.robot)
     if config.experiment.correct:
         raise ConfigError("experiment.correct", config.experiment.correct, "is for robots, not for tasks")
-    if network.dopamine is None:
+    if not modulator_configs(network):
         raise ConfigError("network.dopamine", None, "must be given for a task, whose reward is dopamine")
     if task.stimuli is None and task.coincidence is None:
         raise ConfigError("task.stimuli", None, "a task needs stimuli or a coincidence")
@@ -401,8 +475,9 @@ def check_task(config: Config) -> None:
     if task.coincidence is not None:
         plastic = [name for name, p in network.projections.items() if network.synapses[p.synapse].plastic]
         _one_of("task.coincidence.projection", task.coincidence.projection, plastic)
-        if task.coincidence.weight > network.plasticity.weight_max:
-            allowed = f"must be in [0, {network.plasticity.weight_max:g}]"
+        _, largest = _bounds(network, network.synapses[network.projections[task.coincidence.projection].synapse])
+        if task.coincidence.weight > largest:
+            allowed = f"must be in [0, {largest:g}]"
             raise ConfigError("task.coincidence.weight", task.coincidence.weight, allowed)
         if task.reward.shortest < task.tick:
             allowed = f"must be at least task.tick={task.tick}, after which a coincidence is noticed"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,20 +14,28 @@ from snnrl.body.world import RangeSensor, World
 from snnrl.builder import build
 from snnrl.configuration.compose import compose as compose_config
 from snnrl.engines import make_engine
+from snnrl.engines.fused.compiler import Program
 from snnrl.model.draws import Draws
 from snnrl.model.homeostasis import Homeostasis
-from snnrl.model.modulators import Dopamine
+from snnrl.model.modulators import Modulator
 from snnrl.model.network import Network
-from snnrl.model.neurons import NeuronGroup
-from snnrl.model.synapses import Plasticity, Projection
+from snnrl.model.neurons import IZHIKEVICH, NeuronGroup
+from snnrl.model.plasticity import Plasticity
+from snnrl.model.synapses import Projection
 from snnrl.simulation import Simulation
 from snnrl.thesis.runs import Run
 
 ENGINES = ("reference", "fused")
+
 EXCITATORY = (0.02, 0.2, -65.0, 8.0)  # a, b, c, d
 INHIBITORY = (0.1, 0.2, -65.0, 8.0)
 RULE = Plasticity(0.1, 0.15, 20.0, 110.0, 476.0, 4.0)
 SURE = 200.0  # current that makes a neuron fire in the ms in which it gets it, gently
+
+
+def compiled(function: Callable[..., Any], real: type = np.float64) -> Any:
+    """A mechanism, or a kernel without placeholders, as the fused engine compiles it."""
+    return Program(real, {}).kernel(function)
 
 
 def make_group(
@@ -39,8 +47,10 @@ def make_group(
     noise: float = 0.0,
     dtype: torch.dtype = torch.float64,
 ) -> NeuronGroup:
-    a, b, c, d = (torch.full((trials, size), value, dtype=dtype) for value in parameters)
-    return NeuronGroup(name, a, b, c, d, -65.0, current, noise)
+    values = {
+        key: torch.full((trials, size), value, dtype=dtype) for key, value in zip("abcd", parameters, strict=True)
+    }
+    return NeuronGroup(name, IZHIKEVICH, values, -65.0, current, noise)
 
 
 def make_projection(
@@ -50,27 +60,30 @@ def make_projection(
     weight: Tensor,
     plastic: bool = True,
     delay: int = 1,
+    rule: Plasticity = RULE,
 ) -> Projection:
     """A projection with the weights [B, n_pre, n_post]; pairs whose weight is nan are not joined."""
-    return Projection(name, pre, post, ~weight.isnan(), weight, plastic, delay)
+    return Projection(name, pre, post, ~weight.isnan(), weight, rule if plastic else None, delay)
 
 
-def make_dopamine(trials: int = 1, dtype: torch.dtype = torch.float64, **changed: Any) -> Dopamine:
+def make_dopamine(trials: int = 1, dtype: torch.dtype = torch.float64, **changed: Any) -> Modulator:
     """Dopamine from the group `dopaminergic` with the thesis's numbers, unless changed."""
-    values: dict[str, Any] = {"baseline": -0.0004, "tau": 25.0, "release": 0.0035, "delay": 5, "threshold": 5}
-    return Dopamine("dopaminergic", trials, dtype=dtype, device="cpu", **{**values, **changed})
+    given: dict[str, Any] = {"baseline": -0.0004, "tau": 25.0, "release": 0.0035, "delay": 5, "threshold": 5, **changed}
+    values = {key: float(given.pop(key)) for key in ("release", "threshold")}
+    sources = given.pop("sources", {"count": "dopaminergic"})
+    return Modulator("dopamine", sources, trials, values=values, dtype=dtype, device="cpu", **given)
 
 
 def make_network(
     groups: Sequence[NeuronGroup],
     projections: Sequence[Projection] = (),
-    dopamine: Dopamine | None = None,
+    dopamine: Modulator | None = None,
     homeostasis: Mapping[str, Homeostasis] | None = None,
     gain: float = 1.0,
     seed: int = 0,
 ) -> Network:
     draws = Draws(seed, torch.arange(len(groups[0].v)))
-    return Network(groups, projections, draws, gain, RULE, dopamine, homeostasis)
+    return Network(groups, projections, draws, gain, [] if dopamine is None else [dopamine], homeostasis)
 
 
 def group_of(network: Network, name: str) -> NeuronGroup:

@@ -61,7 +61,7 @@ def test_a_trial_whose_motor_falls_silent(simulation: Simulation) -> None:
 def test_a_trial_with_too_many_weights_at_the_upper_bound(simulation: Simulation) -> None:
     table = simulation.network.synapses
     plastic = table.trial[: table.plastic]
-    most = simulation.network.plasticity.weight_max
+    most = 4.0
     for trial, share in ((0, 0.74), (1, 0.76), (2, 0.0)):
         mine = (plastic == trial).nonzero()[:, 0]
         table.weight[mine] = 0.0

@@ -32,7 +32,11 @@ def test_every_trial_has_its_own_graph_neurons_and_world(run: Simulation) -> Non
     joined = torch.zeros(TRIALS, 20, 20, dtype=torch.bool)
     projection = run.network.projections["left_food_to_left_motor"]
     joined[projection.trial, projection.pre_index, projection.post_index] = True
-    for values in (joined.flatten(1).double(), run.network.groups["left_motor"].c, run.world.items.flatten(1)):
+    for values in (
+        joined.flatten(1).double(),
+        run.network.groups["left_motor"].get_buffer("c"),
+        run.world.items.flatten(1),
+    ):
         assert len(values.unique(dim=0)) == TRIALS
 
 
@@ -42,8 +46,8 @@ def test_weights_and_neurons_are_drawn_from_their_ranges(run: Simulation) -> Non
     assert -0.1 < float(inhibition.max()) <= 0.0
     assert float(inhibition.mean()) == pytest.approx(-1.5, abs=0.05)
     group = run.network.groups["dopaminergic"]
-    squared = (group.c + 65.0) / 15.0
-    torch.testing.assert_close(group.d, 8.0 - 6.0 * squared)
+    squared = (group.get_buffer("c") + 65.0) / 15.0
+    torch.testing.assert_close(group.get_buffer("d"), 8.0 - 6.0 * squared)
     assert float(squared.sqrt().mean()) == pytest.approx(0.5, abs=0.02)  # r is uniform in [0, 1)
 
 

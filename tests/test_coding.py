@@ -184,7 +184,7 @@ def test_a_burst_lowers_dopamine_in_ticks_with_poison(poison: str, sign: int, en
     simulation = food_only(1, f"world.poison_from={poison}", calm)
     dopamine = simulation.network.dopamine
     assert dopamine is not None
-    dopamine.released[0, 0] = 20
+    dopamine.pending[0, 0, 0] = 20
     make_engine(engine, "cpu", 1).run(simulation, 1)
-    expected = dopamine.baseline + sign * 20 * dopamine.release * math.exp(-69 / dopamine.tau)
+    expected = dopamine.baseline + sign * 20 * dopamine.values["release"] * math.exp(-69 / dopamine.tau)
     assert float(dopamine.level) == pytest.approx(expected, rel=1e-9)

@@ -46,10 +46,11 @@ def commands(text: str, arguments: str) -> list[str]:
 @pytest.mark.parametrize("path", [path for path in RUNNABLE if blocks(path)], ids=name)
 def test_code_blocks_work(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     mpl.use("Agg")
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     for kind, mark, text in blocks(path):
-        if kind == "yaml":
+        if kind == "yaml" or (kind == "python" and mark):
             Path(mark).parent.mkdir(parents=True, exist_ok=True)
             Path(mark).write_text(text)
         elif kind == "python":

@@ -7,8 +7,8 @@ import hashlib
 import numpy as np
 import pytest
 import torch
+from helpers import compiled
 
-from snnrl.engines.fused.compiler import compiled
 from snnrl.model import elementary
 
 FUNCTIONS = {"exp": (-690.0, 690.0), "sin": (-700.0, 700.0), "cos": (-700.0, 700.0)}

@@ -15,9 +15,9 @@ from snnrl.body.world import World
 from snnrl.builder import build, build_network
 from snnrl.configuration.schema import (
     ConfigError,
-    DopamineConfig,
     GroupConfig,
     HomeostasisConfig,
+    ModulatorConfig,
     NetworkConfig,
     NeuronConfig,
     PlasticityConfig,
@@ -102,7 +102,7 @@ def third_network(seed: int, trials: int, dtype: torch.dtype) -> Network:
         },
         synaptic_gain=1.7,
         plasticity=PlasticityConfig(0.1, 0.12, 20.0, 30.0, 300.0, 2.5),
-        dopamine=DopamineConfig("second", baseline=-0.002, tau=40.0, release=0.004, delay=3, threshold=1),
+        dopamine=ModulatorConfig("second", baseline=-0.002, tau=40.0, release=0.004, delay=3, threshold=1),
         homeostasis=HomeostasisConfig({"all": ["forward"], "loop": ["recurrent"]}, 0.62, 0.05, True),
     )
     return build_network(config, Draws(seed, torch.arange(4, 4 + trials)), dtype)
@@ -315,6 +315,6 @@ def test_a_trial_needs_less_than_a_megabyte() -> None:
     for tensor in [*run.buffers(), *tables]:
         if isinstance(tensor, Tensor):
             seen[tensor.untyped_storage().data_ptr()] = tensor.untyped_storage().nbytes()
-    (_, topology), *_ = engine._topologies.values()
-    kept = sum(array.nbytes for array in topology.values() if isinstance(array, np.ndarray))
+    [bound] = engine._bound.values()
+    kept = sum(array.nbytes for array in (*bound.tables, bound.topology.settled) if isinstance(array, np.ndarray))
     assert sum(seen.values()) + kept < 20 * 1_000_000

@@ -25,7 +25,7 @@ def test_the_dampening_close_up_starts_below_the_limit_and_within_one_step() -> 
     network = build(compose_config("+experiment=food_attraction", *dampening.overrides())).network
     [homeostasis] = network.homeostasis.values()
     projections = [network.projections[name] for name in homeostasis.projections]
-    mean = torch.stack([p.total(p.weight) for p in projections]).sum(0) / network.set_limit[:, 0] * homeostasis.limit
+    mean = torch.stack([p.total(p.weight) for p in projections]).sum(0) / network.set_size(homeostasis)
     assert (mean < homeostasis.limit).all()
     assert (mean > homeostasis.limit - 1.5 * homeostasis.step).all()
 

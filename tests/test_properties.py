@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 from typing import Any
 
 import torch
 from helpers import (
     ENGINES,
+    RULE,
     forced,
     make_dopamine,
     make_group,
@@ -27,14 +29,16 @@ from torch import Tensor
 from snnrl.engines import make_engine
 from snnrl.model.homeostasis import Homeostasis
 from snnrl.model.network import Network
-from snnrl.model.synapses import Plasticity
+from snnrl.model.plasticity import Plasticity
 
 engines = st.sampled_from(ENGINES)
 seeds = st.integers(0, 2**32 - 1)
 repeatable = settings(derandomize=True, deadline=None, max_examples=15)
 
 
-def small_network(seed: int, trials: int = 1, plastic: bool = True, **rule: float) -> tuple[Network, Tensor]:
+def small_network(
+    seed: int, trials: int = 1, plastic: bool = True, levels: dict[str, float] | None = None, **rule: float
+) -> tuple[Network, Tensor]:
     """Two groups of odd sizes that excite each other at random and are driven hard, for 250 ms."""
     generator = torch.Generator().manual_seed(seed)
 
@@ -45,18 +49,19 @@ def small_network(seed: int, trials: int = 1, plastic: bool = True, **rule: floa
         weight = 4.0 * uniform(trials, pre, post)
         return torch.where(uniform(trials, pre, post) < 0.6, weight, torch.nan)
 
-    values = {"potentiation": 0.1, "depression": 0.15, "tau_plus": 20.0, "tau_minus": 110.0, "tau_eligibility": 476.0}
+    learns = replace(RULE, **rule)  # type: ignore[arg-type]
+    changed: dict[str, Any] = {"threshold": 1, "release": 0.05, **(levels or {})}
+    dopamine = make_dopamine(trials, **changed)
     network = make_network(
         [make_group("first", 7, trials), make_group("dopaminergic", 9, trials)],
         [
-            make_projection("a", "first", "dopaminergic", weights(7, 9), plastic, delay=3),
-            make_projection("b", "dopaminergic", "first", weights(9, 7), plastic),
+            make_projection("a", "first", "dopaminergic", weights(7, 9), plastic, delay=3, rule=learns),
+            make_projection("b", "dopaminergic", "first", weights(9, 7), plastic, rule=learns),
             make_projection("c", "dopaminergic", "dopaminergic", weights(9, 9), False, delay=2),
         ],
-        make_dopamine(trials, threshold=1, release=0.05),
+        dopamine,
         {"all": Homeostasis(("a", "b"), 1.3, 0.05, True)} if plastic else None,
     )
-    network.plasticity = Plasticity(**{**values, "weight_max": 4.0, **rule})  # type: ignore[arg-type]
     return network, 40.0 * uniform(250, trials, 16) ** 2
 
 
@@ -79,8 +84,8 @@ def test_weights_never_leave_their_bounds(
     release: float,
 ) -> None:
     rule = {"tau_plus": tau_plus, "tau_minus": tau_minus, "tau_eligibility": tau_eligibility}
-    network, injected = small_network(seed, 1, True, potentiation=potentiation, depression=depression, **rule)
-    network.dopamine = make_dopamine(baseline=baseline, tau=tau, release=release, threshold=1)
+    levels = {"baseline": baseline, "tau": tau, "release": release}
+    network, injected = small_network(seed, 1, True, levels, potentiation=potentiation, depression=depression, **rule)
     _, (weights,) = run_each(engine, network, injected, network.synapses.weight)
     plastic = weights[:, : network.synapses.plastic]
     assert (plastic >= 0.0).all()
@@ -254,13 +259,13 @@ def test_time_is_counted_in_steps(engine: str, first: int, gap: int, tau: float,
     results = []
     for scale in (1, 2):
         steps = scale * (first + gap + 80)
+        rule = Plasticity(0.1, 0.15, scale * 20.0, scale * 110.0, scale * tau_eligibility, 4.0)
         network = make_network(
             [make_group("pre", 1), make_group("post", 1), make_group("dopaminergic", 1)],
-            [make_projection("a", "pre", "post", torch.full((1, 1, 1), 2.0, dtype=torch.float64))],
+            [make_projection("a", "pre", "post", torch.full((1, 1, 1), 2.0, dtype=torch.float64), rule=rule)],
             make_dopamine(baseline=0.0, tau=scale * tau, delay=scale * 5, threshold=0),
             gain=0.0,
         )
-        network.plasticity = Plasticity(0.1, 0.15, scale * 20.0, scale * 110.0, scale * tau_eligibility, 4.0)
         times = {
             ("pre", 0): [scale * first],
             ("post", 0): [scale * (first + gap)],

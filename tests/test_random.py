@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from helpers import compiled
 from scipy import stats
 
-from snnrl.engines.fused import philox as compiled
-from snnrl.engines.fused.world import poisson_table
+from snnrl.engines.fused.draws import bits, fill_counts, fill_noise, uniform
+from snnrl.engines.fused.poisson import poisson_table
 from snnrl.model.draws import (
     BITS,
     Draws,
@@ -19,6 +20,7 @@ from snnrl.model.draws import (
     poisson_thresholds,
     stream,
 )
+from snnrl.model.neurons import uniform_noise
 
 # Random123, kat_vectors, philox4x32 10: counter, key, answer
 KNOWN = [
@@ -49,8 +51,8 @@ def test_philox_gives_the_known_answers(counter: str, key: str, answer: str) -> 
 def test_compiled_bits_are_the_top_of_the_known_answers(counter: str, key: str, answer: str, word: int) -> None:
     """Counter words are index, time / 4, stream and trial; the time's remainder chooses the word."""
     index, time, name, trial = words(counter)
-    bits = compiled.bits(np.uint64(seed_of(key)), name, trial, 4 * time + word, index)
-    assert bits == words(answer)[word] >> 8
+    found = compiled(bits)(seed_of(key), name, trial, 4 * time + word, index)
+    assert found == words(answer)[word] >> 8
 
 
 @pytest.mark.parametrize("word", range(4))
@@ -63,23 +65,42 @@ def test_bits_are_the_top_of_the_known_answer(word: int) -> None:
 def test_compiled_draws_equal_the_reference(seed: int) -> None:
     trials, times, name = [0, 3, 2**31 + 5], [0, 1, 2, 3, 4, 70, 1023, 5_000_000_001], stream("a", "b")
     draws = Draws(seed, torch.tensor(trials))
-    bits, uniform = (f(name, torch.tensor(times), 6) for f in (draws.bits, draws.uniform))
+    drawn, numbers = (f(name, torch.tensor(times), 6) for f in (draws.bits, draws.uniform))
+    one_bits, one_uniform = compiled(bits), compiled(uniform)
     for t, time in enumerate(times):
         for b, trial in enumerate(trials):
             for i in range(6):
-                owner = (np.uint64(seed), name, trial, time, i)
-                assert compiled.bits(*owner) == int(bits[t, b, i])
-                assert compiled.uniform(*owner) == float(uniform[t, b, i])
+                owner = (seed, name, trial, time, i)
+                assert one_bits(*owner) == int(drawn[t, b, i])
+                assert one_uniform(*owner) == float(numbers[t, b, i])
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+@pytest.mark.parametrize("time", [0, 1, 2, 3, 7, 70_001])
+@pytest.mark.parametrize(("size", "steps"), [(1, 1), (5, 2), (8, 3), (20, 70), (3, 101)])
+def test_rows_of_noise_equal_the_reference(size: int, steps: int, time: int, real: type) -> None:
+    width = (size + 7) // 8 * 8
+    out: np.ndarray = np.full((steps + 6) * width, np.nan, real)
+    compiled(fill_noise, real)(out, 0, width, 7, 99, 4, time, steps, real(3.65), real(0.3))
+    rows = out.reshape(-1, width)[time & 3 :][:steps, :size]
+    draw = Draws(7, torch.tensor([4])).uniform(99, time + torch.arange(steps), size)[:, 0]
+    expected = uniform_noise(draw.to(torch.float32 if real is np.float32 else torch.float64), 3.65, real(0.3))
+    assert np.array_equal(rows, expected.numpy())
 
 
 @pytest.mark.parametrize("time", [0, 1, 2, 3, 7, 70_001])
-@pytest.mark.parametrize(("width", "steps"), [(1, 1), (5, 2), (8, 3), (20, 70), (3, 101)])
-def test_filled_rows_equal_the_reference(time: int, width: int, steps: int) -> None:
-    out = np.full((steps + 6) * width, -1, np.int32)
-    skipped = compiled.fill_bits(out, width, np.uint64(7), 99, 4, time, steps)
-    rows = out.reshape(-1, width)[skipped : skipped + steps]
-    expected = Draws(7, torch.tensor([4])).bits(99, time + torch.arange(steps), width)[:, 0]
-    assert np.array_equal(rows, expected.numpy())
+@pytest.mark.parametrize(("size", "steps"), [(1, 1), (5, 2), (8, 3), (20, 70), (3, 101)])
+def test_rows_of_counts_equal_the_reference(size: int, steps: int, time: int) -> None:
+    thresholds, stride, at = poisson_thresholds(2.35), 41, 3
+    out = np.full(at + steps * stride + 16, -1.0, np.float32)
+    compiled(fill_counts, np.float32)(out, at, stride, size, 7, 99, 4, time, steps, thresholds.numpy())
+    found = out[at : at + steps * stride].reshape(steps, stride)
+    bits = Draws(7, torch.tensor([4])).bits(99, time + torch.arange(steps), size)[:, 0]
+    assert np.array_equal(found[:, :size], poisson(bits, thresholds).numpy())
+    behind = -(-size // 8) * 8
+    assert (found[:, size:behind] == 0.0).all()
+    assert (found[:, behind:] == -1.0).all()
+    assert (out[:at] == -1.0).all()
 
 
 def test_at_start_is_the_draw_of_time_zero() -> None:
@@ -182,6 +203,6 @@ def test_compiled_table_counts_as_the_reference(mean: float) -> None:
     bits = torch.cat([bits, extremes], 1)
     expected = poisson_of_means(bits, torch.tensor([mean], dtype=torch.float64), 30.0)[0]
     table = np.zeros(poisson_table_size(30.0))
-    poisson_table(mean, table)
+    compiled(poisson_table)(mean, table)
     counts = np.searchsorted(table, bits[0].numpy() / 2**BITS, side="right")
     assert np.array_equal(counts, expected.numpy())

@@ -210,8 +210,9 @@ def test_pairs_make_the_eligibility_of_the_networks_own_step(simultaneous: str) 
     steps, start = 240, 90
     groups = [make_group("pre", 4), make_group("post", 3), make_group("dopaminergic", 1)]
     weight = torch.full((1, 4, 3), 2.0, dtype=torch.float64)
-    network = make_network(groups, [make_projection("all", "pre", "post", weight)], make_dopamine(), gain=0.0)
-    network.plasticity = replace(RULE, simultaneous=simultaneous)
+    rule = replace(RULE, simultaneous=simultaneous)
+    synapses = make_projection("all", "pre", "post", weight, rule=rule)
+    network = make_network(groups, [synapses], make_dopamine(), gain=0.0)
     drawn = torch.rand(steps, 1, network.size, dtype=torch.float64, generator=torch.Generator().manual_seed(5))
     current = SURE * (drawn < 0.3)
     current[:, :, -1] = 0.0

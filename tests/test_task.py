@@ -35,7 +35,7 @@ from snnrl.drawing.task_figures import quarters
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network
-from snnrl.model.synapses import Plasticity
+from snnrl.model.plasticity import Plasticity
 from snnrl.simulation import TaskSimulation
 from snnrl.tasks.task import NONE, Coincidence, Reward, Stimuli
 
@@ -56,12 +56,9 @@ SMALL_STIMULI = ["task.stimuli.count=5", "task.stimuli.size=30"]
 
 def pair(weight: float = 2.0, baseline: float = 0.0, rule: Plasticity = PUBLISHED) -> Network:
     """One plastic synapse that carries no current, in a network whose dopamine comes from outside."""
-    synapse = make_projection("plastic", "pre", "post", torch.full((1, 1, 1), weight, dtype=torch.float64))
-    dopamine = make_dopamine(baseline=baseline, tau=200.0)
-    dopamine.source = None
-    network = make_network([make_group("pre", 1), make_group("post", 1)], [synapse], dopamine, gain=0.0)
-    network.plasticity = rule
-    return network
+    synapse = make_projection("plastic", "pre", "post", torch.full((1, 1, 1), weight, dtype=torch.float64), rule=rule)
+    dopamine = make_dopamine(baseline=baseline, tau=200.0, sources={})
+    return make_network([make_group("pre", 1), make_group("post", 1)], [synapse], dopamine, gain=0.0)
 
 
 def task_of(experiment: str, *overrides: str) -> TaskSimulation:
@@ -155,7 +152,7 @@ def test_rewards_of_either_sign_add_to_the_release_of_neurons(engine: str) -> No
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_reward_needs_dopamine(engine: str) -> None:
     network = make_network([make_group("only", 1)])
-    with pytest.raises(ValueError, match="reward: needs a network with dopamine"):
+    with pytest.raises(ValueError, match="reward: needs a network with a modulator"):
         make_engine(engine, "cpu").run_network(network, torch.zeros(1, 1, 1).double(), reward=torch.ones(1, 1))
 
 

@@ -63,8 +63,10 @@ def of_network(config: NetworkConfig, trials: int) -> dict[str, float]:
     slots = max((config.synapses[item.synapse].delay for item in config.projections.values()), default=1)
     for name, group in groups.items():
         parts[f"network.groups.{name}.size"] = float(trials) * group.size * (NEURON + slots * VALUE)
-    if config.dopamine is not None:
-        parts["network.dopamine.delay"] = float(trials) * config.dopamine.delay * VALUE
+    modulators = {f"modulators.{name}": modulator for name, modulator in config.modulators.items()}
+    for name, modulator in (modulators | ({} if config.dopamine is None else {"dopamine": config.dopamine})).items():
+        sources = 1 if modulator.source is not None else len(modulator.sources)
+        parts[f"network.{name}.delay"] = float(trials) * sources * modulator.delay * VALUE
     for key in ("tau_plus", "tau_minus"):
         parts[f"network.plasticity.{key}"] = WINDOW * getattr(config.plasticity, key)
     return parts

@@ -38,15 +38,22 @@ def table() -> Any:
 
 @dataclass
 class NeuronConfig:
-    """Izhikevich parameters: a, b, c + c_spread r^2, d + d_spread r^2 with r uniform in [0, 1) per neuron."""
+    """A neuron model and its parameters: each is value + spread * r^2 with r uniform in [0, 1) per neuron.
 
-    a: float = MISSING
-    b: float = MISSING
-    c: float = MISSING
-    d: float = MISSING
+    `model` is izhikevich, whose parameters are a, b, c + c_spread r^2, d + d_spread r^2, or a function of your own
+    (see `snnrl.model.neurons.NeuronModel`) as FILE.py:NAME or MODULE:NAME, whose are `parameters` and `spreads`.
+    """
+
+    a: float | None = None
+    b: float | None = None
+    c: float | None = None
+    d: float | None = None
     c_spread: float = 0.0
     d_spread: float = 0.0
     v: float = MISSING  # initial potential, mV
+    model: Any = "izhikevich"
+    parameters: dict[str, float] = table()
+    spreads: dict[str, float] = table()
 
 
 @dataclass
@@ -54,7 +61,8 @@ class SynapseConfig:
     """A kind of synapse: which pairs are joined, weight + spread * uniform (mV), delay (ms).
 
     Pairs are joined either each with a `probability`, or so that every presynaptic neuron has `fan_out`
-    different targets, drawn uniformly.
+    different targets, drawn uniformly. What is plastic learns by `network.plasticity`, or by that of `network.rules`
+    which `rule` names, from dopamine, or from the modulators in `listens`, each with a factor on its level.
     """
 
     probability: float | None = number(None, least=0.0, most=1.0)
@@ -63,6 +71,8 @@ class SynapseConfig:
     plastic: bool = False
     delay: int = number(1, least=1, most=1000)
     fan_out: int | None = number(None, least=1)
+    rule: str = ""
+    listens: dict[str, float] = table()
 
 
 @dataclass
@@ -87,27 +97,42 @@ class ProjectionConfig:
 
 @dataclass
 class PlasticityConfig:
-    """See `snnrl.model.synapses.Plasticity`."""
+    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME."""
 
     potentiation: float = number(least=0.0)
     depression: float = number(least=0.0)
     tau_plus: float = number(above=0.0)
     tau_minus: float = number(above=0.0)
     tau_eligibility: float = number(above=0.0)
-    weight_max: float = number(above=0.0)
+    weight_max: float = MISSING
     simultaneous: str = number("potentiates", choices=("potentiates", "depresses"))
+    weight_min: float = 0.0
+    at_post: Any = "potentiate"
+    at_pre: Any = "depress"
+    weight_rule: Any = "hard_bounds"
+    values: dict[str, float] = table()
 
 
 @dataclass
-class DopamineConfig:
-    """See `snnrl.model.modulators.Dopamine`."""
+class ModulatorConfig:
+    """See `snnrl.model.modulators.Modulator`.
 
-    source: str | None = MISSING
+    `source` is the group whose bursts release it, null for none. With a function of your own in `released`, as
+    FILE.py:NAME or MODULE:NAME, `sources` gives it the groups that its first arguments count, and `values` the rest.
+    """
+
+    source: str | None = None
     baseline: float = MISSING
     tau: float = number(above=0.0)
-    release: float = MISSING
-    delay: int = number(least=1, most=1000)
-    threshold: int = number(least=0, most=2**31)
+    release: float = 0.0
+    delay: int = number(1, least=1, most=1000)
+    threshold: int = number(0, least=0, most=2**31)
+    released: Any = "burst"
+    sources: dict[str, str] = table()
+    values: dict[str, float] = table()
+    smoothing: float = number(0.0, least=0.0)
+    signed: bool = True
+    reward: float = 1.0
 
 
 @dataclass
@@ -122,7 +147,7 @@ class HomeostasisConfig:
 
 @dataclass
 class NetworkConfig:
-    """A whole network; any number of groups and projections, with or without dopamine and homeostasis."""
+    """A whole network; any number of groups, projections, rules and modulators, with or without homeostasis."""
 
     neurons: dict[str, NeuronConfig] = table()
     synapses: dict[str, SynapseConfig] = table()
@@ -130,7 +155,9 @@ class NetworkConfig:
     projections: dict[str, ProjectionConfig] = table()
     synaptic_gain: float = number(least=0.0)
     plasticity: PlasticityConfig = field(default_factory=PlasticityConfig)
-    dopamine: DopamineConfig | None = None
+    rules: dict[str, PlasticityConfig] = table()
+    dopamine: ModulatorConfig | None = None
+    modulators: dict[str, ModulatorConfig] = table()  # further ones
     homeostasis: HomeostasisConfig | None = None
 
 

@@ -95,9 +95,17 @@ def poisson_thresholds(mean: float) -> Tensor:
     return torch.tensor(thresholds, dtype=torch.int64)
 
 
+def reached(draw: Tensor, threshold: Tensor) -> Tensor:
+    """1 where a draw reaches a threshold, else 0."""
+    return torch.where(draw >= threshold, 1.0, 0.0)
+
+
 def poisson(bits: Tensor, thresholds: Tensor) -> Tensor:
-    """Poisson counts from 24-bit draws, by inversion; same shape, int64."""
-    return torch.bucketize(bits, thresholds, right=True)
+    """Poisson counts from 24-bit draws, by inversion: how many thresholds each reaches; same shape, int64."""
+    counts = torch.zeros_like(bits)
+    for threshold in thresholds:
+        counts += reached(bits, threshold).long()
+    return counts
 
 
 def poisson_table_size(largest: float) -> int:

@@ -2,31 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, MutableMapping
 from dataclasses import dataclass
+from functools import reduce
 from typing import cast
 
 import torch
 from torch import Tensor, nn
 
 from snnrl.model.draws import Draws, stream
-from snnrl.model.homeostasis import Homeostasis
-from snnrl.model.modulators import Dopamine
-from snnrl.model.neurons import NeuronGroup, izhikevich
-from snnrl.model.synapses import Plasticity, Projection, stdp
+from snnrl.model.homeostasis import Homeostasis, lowered
+from snnrl.model.modulators import Modulator
+from snnrl.model.neurons import NeuronGroup, NeuronModel, uniform_noise
+from snnrl.model.plasticity import Plasticity
+from snnrl.model.synapses import DOPAMINE, Projection
 
 
-@dataclass
 class NeuronTable:
-    """All neurons side by side, [B, N]; the groups' buffers are views of these tensors."""
+    """All neurons side by side, [B, N]; the groups' buffers are views of these tensors.
 
-    v: Tensor
-    u: Tensor
-    a: Tensor
-    b: Tensor
-    c: Tensor
-    d: Tensor
-    last_spike: Tensor
+    Attributes:
+        packed: [C, B, N], the state and the parameters of all models in the network; what a neuron's model does not
+            have is 0.
+        columns: their names. A column is also an attribute of its name.
+        last_spike: int64 [B, N], ms.
+        parts: neighbouring groups of one model, and where their neurons stand.
+    """
+
+    def __init__(self, groups: list[NeuronGroup]) -> None:
+        self.columns = list(dict.fromkeys(name for group in groups for name in group.model.columns))
+        rows = [
+            torch.cat([getattr(g, name) if name in g.model.columns else torch.zeros_like(g.v) for g in groups], 1)
+            for name in self.columns
+        ]
+        self.packed = torch.stack(rows)
+        self.last_spike = torch.cat([group.last_spike for group in groups], 1)
+        self.parts: list[tuple[NeuronModel, slice]] = []
+        for group in groups:
+            if self.parts and self.parts[-1][0] == group.model:
+                self.parts[-1] = (group.model, slice(self.parts[-1][1].start, group.span.stop))
+            else:
+                self.parts.append((group.model, group.span))
+            for key in group.model.columns:
+                setattr(group, key, getattr(self, key)[:, group.span])
+            group.last_spike = self.last_spike[:, group.span]
+
+    def __getattr__(self, name: str) -> Tensor:
+        if name in self.__dict__.get("columns", ()):
+            return self.packed[self.columns.index(name)]
+        raise AttributeError(name)
 
 
 @dataclass
@@ -34,7 +58,7 @@ class SynapseTable:
     """All synapses end to end, [S], plastic projections first; the projections' buffers are views.
 
     `trial` is the trial's place in the batch. `pre` and `post` count through all neurons of all trials
-    (trial * N + neuron).
+    (trial * N + neuron). `spans` says where those of each projection stand.
     """
 
     weight: Tensor
@@ -44,6 +68,17 @@ class SynapseTable:
     post: Tensor
     delay: Tensor
     plastic: int  # how many of them, from the front, are plastic
+    spans: Mapping[str, slice]
+
+
+@dataclass(frozen=True)
+class Learning:
+    """Neighbouring synapses of the table that learn by one rule from the same modulators."""
+
+    rule: Plasticity
+    listens: Mapping[str, float]
+    span: slice
+    projections: tuple[str, ...]
 
 
 class Network(nn.Module):
@@ -54,11 +89,11 @@ class Network(nn.Module):
         projections: between those groups.
         draws: owner of the background noise; its trials are the batch.
         synaptic_gain: current per mV of weight that a spike delivers.
-        plasticity: the rule of the plastic projections.
-        dopamine: the modulator; None leaves plastic weights unchanged.
+        modulators: what turns eligibility into weight. A plastic projection that listens to one that is not there
+            does not learn.
         homeostasis: named sets of projections and their dampening.
 
-    A subclass may have another `membrane`, a function with the arguments and results of `izhikevich`.
+    Rules, modulators and sets may be exchanged for others between two runs.
 
     Buffers besides the modules':
         time: int64 scalar, the ms that the next step computes.
@@ -68,12 +103,12 @@ class Network(nn.Module):
 
     groups: Mapping[str, NeuronGroup]
     projections: Mapping[str, Projection]
+    modulators: MutableMapping[str, Modulator]
     time: Tensor
     pending: Tensor
     spike_count: Tensor
     neurons: NeuronTable
     synapses: SynapseTable
-    membrane = staticmethod(izhikevich)
 
     def __init__(
         self,
@@ -81,8 +116,7 @@ class Network(nn.Module):
         projections: Iterable[Projection],
         draws: Draws,
         synaptic_gain: float,
-        plasticity: Plasticity,
-        dopamine: Dopamine | None = None,
+        modulators: Iterable[Modulator] = (),
         homeostasis: Mapping[str, Homeostasis] | None = None,
     ) -> None:
         super().__init__()
@@ -91,9 +125,10 @@ class Network(nn.Module):
         ordered = sorted(projections, key=lambda projection: not projection.plastic)
         by_name = nn.ModuleDict({projection.name: projection for projection in ordered})
         self.projections = cast("Mapping[str, Projection]", by_name)
-        self.plasticity, self.dopamine, self.synaptic_gain = plasticity, dopamine, synaptic_gain
+        by_name = nn.ModuleDict({modulator.name: modulator for modulator in modulators})
+        self.modulators = cast("MutableMapping[str, Modulator]", by_name)
+        self.synaptic_gain, self.draws = synaptic_gain, draws
         self.homeostasis = dict(homeostasis or {})
-        self.draws = draws
         self.size = 0
         for group in self.groups.values():
             group.start, self.size = self.size, self.size + group.size
@@ -105,6 +140,11 @@ class Network(nn.Module):
         count = torch.zeros(self.trials, len(self.groups), dtype=torch.int64, device=like.device)
         self.register_buffer("spike_count", count)
         self._pack()
+
+    @property
+    def dopamine(self) -> Modulator | None:
+        """The modulator of that name, if there is one."""
+        return dict(self.modulators).get(DOPAMINE)
 
     @property
     def dtype(self) -> torch.dtype:
@@ -122,13 +162,8 @@ class Network(nn.Module):
 
     def _pack(self) -> None:
         """Lay all groups and all projections in shared tensors, of which their buffers become views."""
-        groups = list(self.groups.values())
+        self.neurons = NeuronTable(list(self.groups.values()))
         projections = list(self.projections.values())
-        keys = list(NeuronTable.__annotations__)
-        self.neurons = NeuronTable(**{key: torch.cat([getattr(g, key) for g in groups], 1) for key in keys})
-        for group in groups:
-            for key in keys:
-                setattr(group, key, getattr(self.neurons, key)[:, group.span])
 
         def join(parts: list[Tensor], dtype: torch.dtype) -> Tensor:
             return torch.cat([torch.empty(0, dtype=dtype, device=self.device), *parts])
@@ -136,6 +171,10 @@ class Network(nn.Module):
         def neuron(p: Projection, end: str, index: Tensor) -> Tensor:
             return p.trial * self.size + self.groups[end].start + index
 
+        ends = [0]
+        for projection in projections:
+            ends.append(ends[-1] + len(projection.weight))
+        spans = {p.name: slice(low, high) for p, low, high in zip(projections, ends, ends[1:], strict=False)}
         self.synapses = SynapseTable(
             weight=join([p.weight for p in projections], self.dtype),
             eligibility=join([p.eligibility for p in projections], self.dtype),
@@ -144,53 +183,47 @@ class Network(nn.Module):
             post=join([neuron(p, p.post, p.post_index) for p in projections], torch.int64),
             delay=join([torch.full_like(p.trial, p.delay) for p in projections], torch.int64),
             plastic=sum(len(p.weight) for p in projections if p.plastic),
+            spans=spans,
         )
-        start = 0
         for projection in projections:
-            span = slice(start, start + len(projection.weight))
-            projection.weight = self.synapses.weight[span]
-            projection.eligibility = self.synapses.eligibility[span]
-            start = span.stop
-        sizes = [torch.full((group.size,), k, device=self.device) for k, group in enumerate(groups)]
+            projection.weight = self.synapses.weight[spans[projection.name]]
+            projection.eligibility = self.synapses.eligibility[spans[projection.name]]
+        sizes = [torch.full((group.size,), k, device=self.device) for k, group in enumerate(self.groups.values())]
         self._group_of = torch.cat(sizes)
-        self._pack_sets(projections)
 
-    def _pack_sets(self, projections: list[Projection]) -> None:
-        """Homeostatic sets as tensors: each plastic synapse's set, and each set's limit and step."""
-        sets = list(self.homeostasis.values())
-        # trial * K + the place of the set; B * K for a synapse that is in none
-        none = torch.full_like(self.synapses.trial[: self.synapses.plastic], self.trials * len(sets))
-        start = 0
-        for projection in projections:
-            span = slice(start, start + len(projection.weight))
-            for k, homeostasis in enumerate(sets):
-                if projection.plastic and projection.name in homeostasis.projections:
-                    none[span] = projection.trial * len(sets) + k
-            start = span.stop
-        self._set_of = none
-        limits = torch.tensor([s.limit for s in sets], dtype=torch.float64, device=self.device)
-        self.set_limit = self._set_sizes() * limits
-        self._set_step = torch.tensor([s.step for s in sets], dtype=self.dtype, device=self.device)
+    def learning(self) -> list[Learning]:
+        """Which synapses learn, and how."""
+        found: list[Learning] = []
+        for name, projection in self.projections.items():
+            span, rule, listens = self.synapses.spans[name], projection.rule, projection.listens
+            if rule is None or not listens or any(modulator not in self.modulators for modulator in listens):
+                continue
+            before = found[-1] if found else None
+            if before and (before.rule, before.listens, before.span.stop) == (rule, listens, span.start):
+                whole = slice(before.span.start, span.stop)
+                found[-1] = Learning(rule, listens, whole, (*before.projections, name))
+            else:
+                found.append(Learning(rule, listens, span, (name,)))
+        return found
 
-    def _set_sizes(self) -> Tensor:
-        """How many pairs (or synapses) each homeostatic set's mean is over: float64 [B, K]."""
-        sizes = torch.zeros(self.trials, len(self.homeostasis), dtype=torch.float64, device=self.device)
-        for k, homeostasis in enumerate(self.homeostasis.values()):
-            for name in homeostasis.projections:
-                projection = self.projections[name]
-                if homeostasis.count_absent:
-                    sizes[:, k] += projection.shape[1] * projection.shape[2]
-                else:
-                    sizes[:, k] += projection.count
-        return sizes
+    def signal(self, listens: Mapping[str, float]) -> Tensor:
+        """The sum of modulators that synapses listen to (uM), [B]."""
+        return reduce(torch.add, [listens[name] * m.level for name, m in self.modulators.items() if name in listens])
+
+    def set_size(self, homeostasis: Homeostasis) -> Tensor:
+        """How many pairs (or synapses) a homeostatic set's mean is over: float64 [B]."""
+        size = torch.zeros(self.trials, dtype=torch.float64, device=self.device)
+        for projection in (self.projections[name] for name in homeostasis.projections):
+            size += projection.shape[1] * projection.shape[2] if homeostasis.count_absent else projection.count
+        return size
 
     def background(self, times: Tensor) -> Tensor:
         """Constant and noisy background current at int64 times [T], [T, B, N]."""
         current = self.pending.new_zeros(len(times), self.trials, self.size)
         for group in self.groups.values():
             if group.noise:
-                noise = self.draws.uniform(stream("background", group.name), times, group.size).to(self.dtype)
-                current[:, :, group.span] = group.current + group.noise * (2.0 * noise - 1.0)
+                draw = self.draws.uniform(stream("background", group.name), times, group.size).to(self.dtype)
+                current[:, :, group.span] = uniform_noise(draw, group.current, group.noise)
             else:
                 current[:, :, group.span] = group.current
         return current
@@ -206,12 +239,12 @@ class Network(nn.Module):
 
         Args:
             injected: current from outside, [T, B, N].
-            sign: [B] of the network's dtype, -1 where dopamine is released with a negative sign; +1 if None.
+            sign: [B] of the network's dtype, -1 where modulators are released with a negative sign; +1 if None.
             raster: bool [T, b, N] to be filled with who fired in the first b trials.
-            reward: dopamine released from outside (uM), [T, B]; none if None.
+            reward: released from outside (uM), [T, B]; none if None.
 
         Raises:
-            ValueError: for a reward to a network without dopamine.
+            ValueError: for a reward to a network without modulators.
         """
         self.check_reward(reward)
         sign = torch.ones_like(self.pending[:, 0, 0]) if sign is None else sign
@@ -224,17 +257,17 @@ class Network(nn.Module):
 
     def check_reward(self, reward: Tensor | None) -> None:
         """Raise ValueError for a reward that nothing could take up."""
-        if reward is not None and self.dopamine is None:
-            raise ValueError("reward: needs a network with dopamine")
+        if reward is not None and not self.modulators:
+            raise ValueError("reward: needs a network with a modulator")
 
     def step(self, background: Tensor, injected: Tensor, sign: Tensor, reward: Tensor | None = None) -> Tensor:
         """One millisecond; the one definition of the order of events inside it. Returns who fired, bool [B, N].
 
         1. Input: what arrives now, plus the background and the injected current.
         2. Neurons: membrane, recovery, spike and reset.
-        3. Dopamine: decay, the release of earlier spikes, and the reward from outside.
+        3. Modulators: decay, the release of earlier spikes, and the reward from outside.
         4. Eligibility: decay, and the pairs that this ms's spikes complete.
-        5. Weights: eligibility times dopamine, clipped.
+        5. Weights: eligibility times modulators, within bounds.
         6. Homeostasis: sets whose mean is too high are lowered.
         7. Sending: this ms's spikes leave with the weights as they are now.
         """
@@ -242,9 +275,15 @@ class Network(nn.Module):
         slot = (time % self.slots).view(1)
         current = self.pending.index_select(1, slot)[:, 0] + background + injected
         self.pending.index_fill_(1, slot, 0.0)
-        v, u, fired = self.membrane(neurons.v, neurons.u, current, neurons.a, neurons.b, neurons.c, neurons.d)
-        neurons.v.copy_(v)
-        neurons.u.copy_(u)
+        fired = torch.zeros_like(current, dtype=torch.bool)
+        for model, span in neurons.parts:
+            state, parameters = (
+                [getattr(neurons, name)[:, span] for name in names] for names in (model.state, model.parameters)
+            )
+            *after, fires = model.step(*state, current[:, span], *parameters)
+            fired[:, span] = fires
+            for target, value in zip(state, after, strict=True):
+                target.copy_(value)
         self.spike_count.index_add_(1, self._group_of, fired.long())
         self.learn(fired, sign, reward)
         self._send(fired)
@@ -253,49 +292,57 @@ class Network(nn.Module):
 
     def learn(self, fired: Tensor, sign: Tensor, reward: Tensor | None = None) -> None:
         """Steps 3 to 6 of this millisecond, for whoever fired in it, bool [B, N]; the rest as in `step`."""
-        neurons = self.neurons
-        earlier = neurons.last_spike.clone()
-        neurons.last_spike.copy_(torch.where(fired, self.time, neurons.last_spike))
-        if self.dopamine is None:
-            return
-        source = slice(0) if self.dopamine.source is None else self.groups[self.dopamine.source].span
-        self.dopamine.step(fired[:, source].sum(1), sign, self.time, reward)
-        if self.synapses.plastic:
-            self._change_eligibility(fired, earlier)
-            self._change_weights(self.dopamine.level)
-            if self.homeostasis:
-                self._dampen()
+        earlier = self.neurons.last_spike.clone()
+        self.neurons.last_spike.copy_(torch.where(fired, self.time, self.neurons.last_spike))
+        for modulator in self.modulators.values():
+            counts = [fired[:, self.groups[name].span].sum(1) for name in modulator.sources.values()]
+            spikes = torch.stack(counts, 1) if counts else self.spike_count.new_zeros(self.trials, 0)
+            modulator.step(spikes, sign, self.time, reward)
+        learning = self.learning()
+        for part in learning:
+            self._change_eligibility(part, fired, earlier)
+            self._change_weights(part)
+        if learning:
+            for homeostasis in self.homeostasis.values():
+                self._dampen(homeostasis)
 
-    def _change_eligibility(self, fired: Tensor, earlier: Tensor) -> None:
+    def _change_eligibility(self, part: Learning, fired: Tensor, earlier: Tensor) -> None:
         """Step 4; `earlier` [B, N] holds last spikes without those of this ms."""
-        rule, table = self.plasticity, self.synapses
-        pre, post = table.pre[: table.plastic], table.post[: table.plastic]
-        eligibility = table.eligibility[: table.plastic]
+        rule, latest = part.rule, self.neurons.last_spike
+        pre, post = self.synapses.pre[part.span], self.synapses.post[part.span]
         depresses = rule.simultaneous == "depresses"
-        latest = self.neurons.last_spike
-        elapsed = self.time - (earlier if depresses else latest)
-        gain = stdp(elapsed, rule.potentiation, rule.tau_plus, self.dtype).view(-1)
-        loss = stdp(self.time - latest, rule.depression, rule.tau_minus, self.dtype).view(-1)
+        gain = self._look_up(rule.gains, self.time - (earlier if depresses else latest))
+        loss = self._look_up(rule.losses, self.time - latest)
         fired = fired.view(-1)
-        rise, fall = torch.where(fired[post], gain[pre], 0.0), torch.where(fired[pre], -loss[post], 0.0)
+        rise, fall = torch.where(fired[post], gain[pre], 0.0), torch.where(fired[pre], loss[post], 0.0)
         change = rise + fall if depresses else torch.where(fired[post], rise, fall)
-        eligibility.mul_(rule.decay).add_(change)
+        self.synapses.eligibility[part.span].mul_(rule.decay).add_(change)
 
-    def _change_weights(self, level: Tensor) -> None:
-        table = self.synapses
-        weight, eligibility = table.weight[: table.plastic], table.eligibility[: table.plastic]
-        weight.add_(eligibility * level[table.trial[: table.plastic]])
-        weight.clamp_(0.0, self.plasticity.weight_max)
+    def _look_up(self, window: Tensor, elapsed: Tensor) -> Tensor:
+        """What a window gives after so many ms, [B * N]."""
+        return window.to(self.device, self.dtype)[elapsed.clamp_max(len(window) - 1).view(-1)]
 
-    def _dampen(self) -> None:
-        weight = self.synapses.weight[: self.synapses.plastic]
-        total = torch.zeros(self.set_limit.numel() + 1, dtype=torch.float64, device=self.device)
-        total.index_add_(0, self._set_of, weight.double())
-        over = (total[:-1].view_as(self.set_limit) > self.set_limit) * self._set_step
-        lowered = torch.cat([over.view(-1), over.new_zeros(1)])[self._set_of]
-        weight.copy_(torch.where(lowered > 0, (weight - lowered).clamp_min(0.0), weight))
+    def _change_weights(self, part: Learning) -> None:
+        """Step 5."""
+        weight = self.synapses.weight[part.span]
+        signal = self.signal(part.listens)[self.synapses.trial[part.span]]
+        change = self.synapses.eligibility[part.span] * signal
+        weight.copy_(part.rule.step(weight, change))
+
+    def _dampen(self, homeostasis: Homeostasis) -> None:
+        """Step 6 of one set."""
+        members = [self.projections[name] for name in homeostasis.projections]
+        total = torch.zeros(self.trials, dtype=torch.float64, device=self.device)
+        for projection in members:
+            total.index_add_(0, projection.trial, projection.weight.double())
+        over = total > homeostasis.limit * self.set_size(homeostasis)
+        for projection in members:
+            least = 0.0 if projection.rule is None else projection.rule.weight_min
+            less = lowered(projection.weight, homeostasis.step, least)
+            projection.weight.copy_(torch.where(over[projection.trial], less, projection.weight))
 
     def _send(self, fired: Tensor) -> None:
+        """Step 7."""
         table = self.synapses
         row = table.trial * (self.slots - 1) * self.size + (self.time + table.delay) % self.slots * self.size
         sent = table.weight * self.synaptic_gain * fired.view(-1)[table.pre]

@@ -1,6 +1,10 @@
-"""Izhikevich neurons in named groups."""
+"""Neuron models, and neurons in named groups."""
 
 from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 
 import torch
 from torch import Tensor, nn
@@ -24,43 +28,91 @@ def izhikevich(
     return torch.where(fired, c, v), torch.where(fired, u + d, u), fired
 
 
+def izhikevich_start(v: Tensor, a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> tuple[Tensor, Tensor]:
+    """The recovery that goes with an initial v."""
+    return v, b * v
+
+
+def uniform_noise(draw: Tensor, current: float, noise: float) -> Tensor:
+    """Background current from a number uniform in [0, 1): `current`, and up to `noise` more or less."""
+    return current + noise * (2.0 * draw - 1.0)
+
+
+@dataclass(frozen=True)
+class NeuronModel:
+    """How a neuron goes through one millisecond.
+
+    Attributes:
+        step: an elementwise function `step(v, *other_state, current, *parameters)` that returns the new state and
+            whether the neuron fired; what its arguments are called names the state and the parameters.
+        start: `start(v, *parameters)`, the state that goes with an initial v (mV); None if all the rest is 0.
+    """
+
+    step: Callable[..., tuple[Tensor, ...]]
+    start: Callable[..., tuple[Tensor, ...]] | None = None
+    state: tuple[str, ...] = field(init=False)
+    parameters: tuple[str, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        names = list(inspect.signature(self.step).parameters)
+        if "current" not in names or names[0] != "v":
+            name = getattr(self.step, "__name__", self.step)
+            raise ValueError(f"{name}({', '.join(names)}): must be NAME(v, ..., current, ...), state and parameters")
+        at = names.index("current")
+        object.__setattr__(self, "state", tuple(names[:at]))
+        object.__setattr__(self, "parameters", tuple(names[at + 1 :]))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return (*self.state, *self.parameters)
+
+    def at_start(self, v: Tensor, parameters: Mapping[str, Tensor]) -> dict[str, Tensor]:
+        """The initial state by name."""
+        if self.start is None:
+            return dict.fromkeys(self.state, torch.zeros_like(v)) | {"v": v}
+        return dict(zip(self.state, self.start(v, *(parameters[name] for name in self.parameters)), strict=True))
+
+
+IZHIKEVICH = NeuronModel(izhikevich, izhikevich_start)
+
+
 class NeuronGroup(nn.Module):
-    """State and parameters of one population in every trial; all buffers are [B, n].
+    """State and parameters of one population in every trial; all buffers are [B, n] and called as in its model.
 
     Args:
         name: the group's name in its network.
-        a, b, c, d: Izhikevich parameters, [B, n] of the network's dtype.
-        v: initial membrane potential (mV); the recovery starts at b v.
+        model: of its neurons.
+        parameters: of the model, each [B, n] of the network's dtype.
+        v: initial membrane potential (mV).
         current, noise: a constant background current, and the half width of a uniform one drawn per
             neuron and ms.
+
+    Raises:
+        ValueError: a parameter of the model is missing, or one is given that it does not have.
     """
 
     v: Tensor
-    u: Tensor
-    a: Tensor
-    b: Tensor
-    c: Tensor
-    d: Tensor
     last_spike: Tensor
 
     def __init__(
         self,
         name: str,
-        a: Tensor,
-        b: Tensor,
-        c: Tensor,
-        d: Tensor,
+        model: NeuronModel,
+        parameters: Mapping[str, Tensor],
         v: float,
         current: float = 0.0,
         noise: float = 0.0,
     ) -> None:
         super().__init__()
-        self.name, self.current, self.noise = name, current, noise
-        self.size = a.shape[1]
+        if set(parameters) != set(model.parameters):
+            raise ValueError(f"{name}: has {', '.join(parameters)}, must have {', '.join(model.parameters)}")
+        self.name, self.model, self.current, self.noise = name, model, current, noise
+        like = next(iter(parameters.values()))
+        self.size = like.shape[1]
         self.start = 0  # position of the first neuron in the network; set when the group joins one
-        for key, value in {"a": a, "b": b, "c": c, "d": d, "v": torch.full_like(a, v), "u": b * v}.items():
+        for key, value in (model.at_start(torch.full_like(like, v), parameters) | dict(parameters)).items():
             self.register_buffer(key, value)
-        self.register_buffer("last_spike", torch.full(a.shape, NEVER, dtype=torch.int64, device=a.device))
+        self.register_buffer("last_spike", torch.full(like.shape, NEVER, dtype=torch.int64, device=like.device))
 
     @property
     def span(self) -> slice:

@@ -1,48 +1,15 @@
-"""Projections: sparse synapses between two groups, and the plasticity that acts on them."""
+"""Projections: sparse synapses between two groups."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
 
-from snnrl.model.elementary import exp, exp_of
+from snnrl.model.plasticity import Plasticity
 
-
-@dataclass(frozen=True)
-class Plasticity:
-    """Dopamine-modulated, nearest-neighbour STDP (thesis 3.7; Izhikevich 2007).
-
-    Two spikes of one ms are a pair at no distance, which `simultaneous` says what to make of. Where it
-    potentiates (the thesis), it is the only pair of that ms. Where it depresses (Izhikevich 2007: the
-    presynaptic spike is still on its way), the postsynaptic spike also pairs with the presynaptic neuron's
-    latest earlier one.
-
-    Attributes:
-        potentiation, depression: A+ and A-, the change of eligibility by one pair at no distance.
-        tau_plus, tau_minus: width of the two halves of the window (ms).
-        tau_eligibility: decay of the eligibility (ms).
-        weight_max: plastic weights stay in [0, weight_max] (mV).
-        simultaneous: what a pair of spikes of one ms does, "potentiates" or "depresses".
-    """
-
-    potentiation: float
-    depression: float
-    tau_plus: float
-    tau_minus: float
-    tau_eligibility: float
-    weight_max: float
-    simultaneous: str = "potentiates"
-    decay: float = field(init=False)  # of the eligibility in one ms
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "decay", exp_of(-1.0 / self.tau_eligibility))
-
-
-def stdp(elapsed: Tensor, amplitude: float, tau: float, dtype: torch.dtype) -> Tensor:
-    """Weight of a pair of spikes `elapsed` ms apart: one half of the window (thesis 3.7), same shape."""
-    return (amplitude * exp(elapsed.double() / -tau)).to(dtype)
+DOPAMINE = "dopamine"  # the modulator that a plastic projection listens to unless told otherwise
 
 
 class Projection(nn.Module):
@@ -56,9 +23,11 @@ class Projection(nn.Module):
         pre, post: the two groups' names.
         connected: which pairs are joined, bool [B, n_pre, n_post].
         weight: weight of every pair (mV), [B, n_pre, n_post]; values of absent pairs are not used.
-        plastic: whether the network's plasticity acts on it.
+        rule: by which it learns; None if its weights are fixed.
         delay: whole milliseconds, at least 1.
         role: what it does for the behaviour (for example `food_attraction`); "" if nothing in particular.
+        listens: the modulators that turn its eligibility into weight, each with a factor on its level; what
+            counts is their sum.
 
     Buffers:
         weight: [S], mV. eligibility: [S].
@@ -80,13 +49,15 @@ class Projection(nn.Module):
         post: str,
         connected: Tensor,
         weight: Tensor,
-        plastic: bool = False,
+        rule: Plasticity | None = None,
         delay: int = 1,
         role: str = "",
+        listens: Mapping[str, float] | None = None,
     ) -> None:
         super().__init__()
         self.name, self.pre, self.post, self.role = name, pre, post, role
-        self.plastic, self.delay = plastic, delay
+        self.rule, self.delay = rule, delay
+        self.listens = {DOPAMINE: 1.0} if listens is None else dict(listens)
         self.shape = tuple(connected.shape)
         trial, pre_index, post_index = connected.nonzero(as_tuple=True)
         self.register_buffer("weight", weight[connected])
@@ -95,6 +66,11 @@ class Projection(nn.Module):
         self.register_buffer("pre_index", pre_index)
         self.register_buffer("post_index", post_index)
         self.register_buffer("count", connected.sum((1, 2)), persistent=False)
+
+    @property
+    def plastic(self) -> bool:
+        """Whether it has a rule by which it learns."""
+        return self.rule is not None
 
     def matrix(self, values: Tensor | None = None) -> Tensor:
         """Weights (or other values [S]) as a sparse COO tensor [B, n_pre, n_post]; a copy, not a view."""

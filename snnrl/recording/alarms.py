@@ -123,7 +123,7 @@ class Alarms:
         network = self.simulation.network
         if self.config.saturated is None or not self._plastic:
             return torch.zeros(network.trials, dtype=torch.bool)
-        full = torch.stack([p.total(p.weight >= network.plasticity.weight_max) for p in self._plastic]).sum(0)
+        full = torch.stack([p.total(p.weight >= p.rule.weight_max) for p in self._plastic if p.rule]).sum(0)
         return full > self.config.saturated * torch.stack([p.count for p in self._plastic]).sum(0)
 
     def _synchronised(self, weight: Tensor) -> Tensor:
@@ -144,8 +144,8 @@ class Alarms:
         network = self.simulation.network
         table, neurons = network.synapses, network.neurons
         finite = (neurons.v.isfinite() & neurons.u.isfinite()).all(1)
-        if network.dopamine is not None:
-            finite &= network.dopamine.level.isfinite()
+        for modulator in network.modulators.values():
+            finite &= modulator.level.isfinite()
         if not (table.weight.sum() + table.eligibility.sum()).isfinite():  # else all of them are
             wrong = table.trial[~(table.weight.isfinite() & table.eligibility.isfinite())]
             finite[wrong] = False

@@ -53,13 +53,14 @@ class Board:
         found = [Summary.Value(tag=tag, simple_value=float(value)) for tag, value in values.items()]
         self._writer.add_summary(Summary(value=found), step)
 
-    def histograms(self, projections: Iterable[Projection], weight_max: float, step: int) -> None:
+    def histograms(self, projections: Iterable[Projection], step: int) -> None:
         """The weights (mV) of each projection, over all trials."""
         for projection in projections:
             weights = projection.weight.double().cpu().numpy()
             weights = weights[np.isfinite(weights)]
             if len(weights):
-                bounds = (min(0.0, weights.min()), max(weight_max, weights.max()))
+                most = weights.max() if projection.rule is None else projection.rule.weight_max
+                bounds = (min(0.0, weights.min()), max(most, weights.max()))
                 counts, edges = np.histogram(weights, BINS, bounds)
                 self._writer.add_summary(
                     summary.histogram_raw(

@@ -177,7 +177,7 @@ class Recorder:
         if self.board is None:
             return
         if self.histograms and done % self.histograms == 0:
-            self.board.histograms(self.followed, network.plasticity.weight_max, step)
+            self.board.histograms(self.followed, step)
         if self.film.due(done):
             from snnrl.drawing import pictures  # matplotlib takes a while
 

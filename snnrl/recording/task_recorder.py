@@ -140,7 +140,7 @@ class TaskRecorder:
         folder = self.folder
         network, task = self.simulation.network, self.simulation.task
         trials = network.draws.trials.cpu().numpy()
-        edges = np.linspace(0.0, network.plasticity.weight_max, BINS + 1)
+        edges = np.linspace(0.0, self._most(), BINS + 1)
         others = [weight.cpu().numpy() for weight in self._others()]
         series = {key: np.stack(values) for key, values in self._samples.items()}
         series |= {"edges": edges, "histogram": np.stack([np.histogram(w, edges)[0] for w in others])}
@@ -159,9 +159,14 @@ class TaskRecorder:
             self.writer.close()
         return {key: float(values.mean()) for key, values in row.items() if np.isfinite(values).all()}, {}
 
+    def _most(self) -> float:
+        """Largest weight that a plastic synapse may have (mV)."""
+        rules = [projection.rule for projection in self.simulation.network.projections.values()]
+        return max((rule.weight_max for rule in rules if rule is not None), default=1.0)
+
     def _reinforcement(self, series: dict[str, np.ndarray], others: list[np.ndarray]) -> dict[str, np.ndarray]:
         """The watched synapse at the end, when it first came within 5 % of the top, and its rivals there."""
-        top = 0.95 * self.simulation.network.plasticity.weight_max
+        top = 0.95 * self._most()
         reached = series["chosen_weight"] >= top
         return {
             "chosen_weight": series["chosen_weight"][-1],

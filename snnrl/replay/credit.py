@@ -14,7 +14,7 @@ from torch import Tensor
 from snnrl.body.world import TOUCHES
 from snnrl.model.network import Network
 from snnrl.model.neurons import NEVER
-from snnrl.model.synapses import Plasticity
+from snnrl.model.plasticity import Plasticity
 
 TRANSIENT = 5  # in units of tau: how long after its last release a transient of dopamine is followed
 LISTED = 5  # pairs of each synapse in credit.csv
@@ -66,19 +66,17 @@ class Ledger:
     Attributes:
         rewards: transients of dopamine so far, in order.
         levels: dopamine after each ms (uM).
-        released: spikes whose dopamine was released in each ms.
         last_spike: of each neuron before the first ms, int64 [N]. carried: eligibility before it, float64 [S].
     """
 
     def __init__(self, network: Network) -> None:
         self.network, self.start = network, int(network.time)
-        plastic = network.synapses.plastic if network.dopamine is not None else 0
+        plastic = max((part.span.stop for part in network.learning()), default=0)
         self.weight, self.eligibility = network.synapses.weight[:plastic], network.synapses.eligibility[:plastic]
         self.last_spike = network.neurons.last_spike[0].numpy().copy()
         self.carried = self.eligibility.numpy().copy()
         self.rewards: list[Reward] = []
         self.levels: list[float] = []
-        self.released: list[int] = []
 
     def follow(self, raster: Tensor, sign: float, cause: str, weight: Tensor) -> None:
         """Follow one control tick of the run.
@@ -107,12 +105,9 @@ class Ledger:
             network.learn(fired, sign)
             network.time += 1
             return
-        arrived = int(dopamine.released[0, now % dopamine.delay])
         network.learn(fired, sign)
-        level = float(dopamine.level[0])
-        self.levels.append(level)
-        self.released.append(arrived if arrived > dopamine.threshold else 0)
-        if self.released[-1]:
+        self.levels.append(float(dopamine.level[0]))
+        if float(dopamine.release()):
             end = now + 1 + round(TRANSIENT * dopamine.tau)
             if self.rewards and now < self.rewards[-1].end:
                 self.rewards[-1].end = end
@@ -121,17 +116,17 @@ class Ledger:
                 self.rewards.append(Reward(now, end, cause, before.numpy(), eligibility))
         network.time += 1
         if self.rewards and now < self.rewards[-1].end:
-            self._book(self.rewards[-1], before, level)
+            self._book(self.rewards[-1], before)
 
-    def _book(self, reward: Reward, before: Tensor, level: float) -> None:
-        driven = self.eligibility * level
-        free = before + driven
-        bounded = free.clamp(0.0, self.network.plasticity.weight_max)
-        reward.driven += driven.numpy()
-        reward.clipped += (bounded - free).numpy()
-        reward.dampened += (self.weight - bounded).numpy()
+    def _book(self, reward: Reward, before: Tensor) -> None:
+        for part in self.network.learning():
+            driven = self.eligibility[part.span] * float(self.network.signal(part.listens))
+            free, bounded = before[part.span] + driven, part.rule.step(before[part.span], driven)
+            reward.driven[part.span] += driven.numpy()
+            reward.clipped[part.span] += (bounded - free).numpy()
+            reward.dampened[part.span] += (self.weight[part.span] - bounded).numpy()
         reward.after = self.weight.numpy().copy()
-        reward.dopamine += level
+        reward.dopamine += self.levels[-1]
 
     def close(self) -> None:
         """End the last transient where the recording ends."""
@@ -170,8 +165,10 @@ def pairs_of(pre: np.ndarray, post: np.ndarray, rule: Plasticity, start: int = 0
     late = pre if depresses else np.setdiff1d(pre, post)
     partner = pre_before[np.searchsorted(pre, post, "left" if depresses else "right")]
     missed = post_before[np.searchsorted(post, late, "right")]
-    gain = rule.potentiation * np.exp((partner - post) / rule.tau_plus)
-    loss = -rule.depression * np.exp((missed - late) / rule.tau_minus)
+    gain, loss = (
+        window.numpy()[np.minimum(elapsed, len(window) - 1)]
+        for window, elapsed in ((rule.gains, post - partner), (rule.losses, late - missed))
+    )
     at = np.concatenate([post, late])
     pairs = np.concatenate([partner, late]), np.concatenate([post, missed]), np.concatenate([gain, loss])
     real = (np.minimum(pairs[0], pairs[1]) > NEVER) & (at >= start)
@@ -181,12 +178,13 @@ def pairs_of(pre: np.ndarray, post: np.ndarray, rule: Plasticity, start: int = 0
 
 @dataclass(frozen=True)
 class Synapse:
-    """A plastic synapse: its projection, its ends within their groups, and within the network."""
+    """A plastic synapse: its projection, its ends within their groups, and within the network, and its rule."""
 
     projection: str
     pre: int
     post: int
     ends: tuple[int, int]
+    rule: Plasticity
 
 
 class Credit:
@@ -203,7 +201,7 @@ class Credit:
 
     def __init__(self, ledger: Ledger, time: np.ndarray, neuron: np.ndarray) -> None:
         network = ledger.network
-        self.rule, self.rewards = network.plasticity, ledger.rewards
+        self.rewards = ledger.rewards
         self.start, self.carried = ledger.start, ledger.carried
         self.synapses = _synapses(network)[: len(self.carried)]
         by_neuron = np.argsort(neuron, kind="stable")
@@ -214,13 +212,14 @@ class Credit:
             for n in range(network.size)
         ]
         self.pairs = [
-            pairs_of(self.trains[s.ends[0]], self.trains[s.ends[1]], self.rule, self.start) for s in self.synapses
+            pairs_of(self.trains[s.ends[0]], self.trains[s.ends[1]], s.rule, self.start) for s in self.synapses
         ]
 
     def eligibility(self, synapse: int, time: int) -> tuple[np.ndarray, float]:
         """What makes up a synapse's eligibility in a ms: each pair, decayed, and what is left from before the start."""
-        rest = self.carried[synapse] * np.exp((self.start - 1 - time) / self.rule.tau_eligibility)
-        return self.pairs[synapse].decayed(self.rule, time), float(rest)
+        rule = self.synapses[synapse].rule
+        rest = self.carried[synapse] * np.exp((self.start - 1 - time) / rule.tau_eligibility)
+        return self.pairs[synapse].decayed(rule, time), float(rest)
 
     def table(self) -> str:
         """credit.csv: a row for each reward and synapse, those that it changed most first."""
@@ -253,10 +252,10 @@ class Credit:
 def _synapses(network: Network) -> list[Synapse]:
     found = []
     for projection in network.projections.values():
-        if projection.plastic:
+        if projection.rule is not None:
             first, second = network.groups[projection.pre].start, network.groups[projection.post].start
             for pre, post in zip(projection.pre_index.tolist(), projection.post_index.tolist(), strict=True):
-                found.append(Synapse(projection.name, pre, post, (first + pre, second + post)))
+                found.append(Synapse(projection.name, pre, post, (first + pre, second + post), projection.rule))
     return found
 
 

@@ -147,8 +147,7 @@ def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: 
     simulation, _, engine = prepare("food_attraction", "random_walk", empty, trials, seed)
     network, tick = simulation.network, simulation.tick_length
     assert network.dopamine is not None
-    source = network.dopamine.source
-    assert source is not None
+    source = network.dopamine.sources["count"]
     place = list(network.groups).index(source)
     engine.run(simulation, round(2000 / tick))
     before, start = network.spike_count[:, place].clone(), int(network.time)

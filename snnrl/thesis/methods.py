@@ -115,7 +115,7 @@ def coincidence(
     simulation = build(config)
     network, tick = simulation.network, simulation.coding.tick
     assert network.dopamine is not None
-    projection = network.projections[f"{config.body()[0].touches[touch]}_to_{network.dopamine.source}"]
+    projection = network.projections[f"{config.body()[0].touches[touch]}_to_{network.dopamine.sources['count']}"]
     [synapse] = ((projection.pre_index == pre) & (projection.post_index == post)).nonzero()[0].tolist()
     ends = network.groups[projection.pre].start + pre, network.groups[projection.post].start + post
     first = max(0, time // tick - before // tick)
@@ -147,7 +147,7 @@ def _find(
     network, tick = simulation.network, simulation.coding.tick
     assert network.dopamine is not None
     group = config.body()[0].touches[touch]
-    projection = network.projections[f"{group}_to_{network.dopamine.source}"]
+    projection = network.projections[f"{group}_to_{network.dopamine.sources['count']}"]
     joined = torch.zeros(projection.shape[1:], dtype=torch.bool)
     joined[projection.pre_index, projection.post_index] = True
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)

@@ -14,9 +14,9 @@ from torch import Tensor
 
 from snnrl.builder import build_network
 from snnrl.configuration.schema import (
-    DopamineConfig,
     GroupConfig,
     HomeostasisConfig,
+    ModulatorConfig,
     NetworkConfig,
     NeuronConfig,
     PlasticityConfig,
@@ -115,7 +115,7 @@ def random_network() -> tuple[Network, Tensor]:
         },
         synaptic_gain=1.3,
         plasticity=PlasticityConfig(0.1, 0.12, 15.0, 60.0, 300.0, 2.5),
-        dopamine=DopamineConfig("second", baseline=-0.002, tau=30.0, release=0.01, delay=4, threshold=1),
+        dopamine=ModulatorConfig("second", baseline=-0.002, tau=30.0, release=0.01, delay=4, threshold=1),
         homeostasis=HomeostasisConfig({"odd": ["plastic1"], "even": ["plastic0"]}, 0.6, 0.05, count_absent=False),
     )
     network = build_network(config, Draws(9, torch.arange(1)), torch.float64)
@@ -146,8 +146,8 @@ def assert_peer_can_follow(network: Network, spikes: np.ndarray) -> None:
 
 def test_the_comparison_sees_one_ms_of_delay() -> None:
     network, injected = single_synapses()
-    network.dopamine = make_dopamine(tau=40.0, release=0.004, threshold=6)
+    network.modulators["dopamine"] = make_dopamine(tau=40.0, release=0.004, threshold=6)
     expected = simulate(network, injected[:1000], 1)
-    network.dopamine = make_dopamine(tau=40.0, release=0.004, threshold=6, delay=6)
+    network.modulators["dopamine"] = make_dopamine(tau=40.0, release=0.004, threshold=6, delay=6)
     with pytest.raises(AssertionError):
         assert_same(ours("fused", network, injected[:1000], 1), expected)

@@ -88,7 +88,7 @@ class Description:
 
 def describe(network: Network, injected: Tensor) -> Description:
     """The network in its present state (at ms 0), all trials side by side, driven by `injected` [T, B, N]."""
-    table, dopamine, rule = network.synapses, network.dopamine, network.plasticity
+    table, dopamine, rule = network.synapses, network.dopamine, network.learning()[0].rule
     trials = network.trials
     assert int(network.time) == 0
     assert dopamine is not None
@@ -99,9 +99,9 @@ def describe(network: Network, injected: Tensor) -> Description:
         "background": brian2.TimedArray(background.flatten(1).numpy(), dt=ms),
         "injected": brian2.TimedArray(injected.flatten(1).numpy(), dt=ms),
         "baseline": dopamine.baseline,
-        "release": dopamine.release,
+        "release": dopamine.values["release"],
         "tau": dopamine.tau * ms,
-        "threshold": dopamine.threshold,
+        "threshold": dopamine.values["threshold"],
         "tau_eligibility": rule.tau_eligibility * ms,
         "tau_plus": rule.tau_plus * ms,
         "tau_minus": rule.tau_minus * ms,
@@ -131,8 +131,7 @@ def describe(network: Network, injected: Tensor) -> Description:
     )
     neurons.modulator_level = brian2.linked_var(modulator, "level", index=trial_of)
     neurons.run_regularly("level = modulator_level", when="synapses", order=SHARE)
-    assert dopamine.source is not None
-    source = network.groups[dopamine.source].span
+    source = network.groups[dopamine.sources["count"]].span
     release = brian2.Synapses(neurons, modulator, on_pre="arrived_post += 1", delay=dopamine.delay * ms)
     places = np.arange(trials)[:, None] * network.size + np.arange(source.start, source.stop)
     release.connect(i=places.flatten(), j=trial_of[places].flatten())
@@ -190,7 +189,7 @@ def _dampening(
         start = stop
     chosen = np.concatenate(parts)
     total = brian2.NeuronGroup(network.trials, "total : 1\nlimit : 1 (constant)\nexcess = int(total > limit) : 1")
-    total.limit = network.set_limit[:, k].numpy()
+    total.limit = (homeostasis.limit * network.set_size(homeostasis)).numpy()
     total_of = brian2.Synapses(plastic, total, "total_post = w_pre : 1 (summed)")
     total_of.connect(i=chosen, j=network.synapses.trial[chosen].numpy())
     adding = total_of.summed_updaters["total_post"]

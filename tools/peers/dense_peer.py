@@ -19,9 +19,8 @@ class DenseNetwork:
         assert int(network.time) == 0
         table = network.synapses
         assert bool((table.delay == 1).all())
-        self.rule, self.dopamine, self.gain = network.plasticity, network.dopamine, network.synaptic_gain
-        assert self.dopamine.source is not None
-        self.source = network.groups[self.dopamine.source].span
+        self.rule, self.dopamine, self.gain = network.learning()[0].rule, network.dopamine, network.synaptic_gain
+        self.source = network.groups[self.dopamine.sources["count"]].span
         neurons = network.neurons
         self.v, self.u = neurons.v.clone(), neurons.u.clone()
         self.a, self.b, self.c, self.d = neurons.a, neurons.b, neurons.c, neurons.d
@@ -37,12 +36,14 @@ class DenseNetwork:
         self.level = self.dopamine.level.clone()
         self.released = deque([torch.zeros_like(self.level)] * self.dopamine.delay)
         self.sets = []
-        for k, homeostasis in enumerate(network.homeostasis.values()):
+        for homeostasis in network.homeostasis.values():
             member = torch.zeros_like(self.plastic)
             for name in homeostasis.projections:
                 projection = network.projections[name]
                 member[:, network.groups[projection.pre].span, network.groups[projection.post].span] = True
-            self.sets.append((member & self.plastic, network.set_limit[:, k], homeostasis.step))
+            self.sets.append(
+                (member & self.plastic, homeostasis.limit * network.set_size(homeostasis), homeostasis.step)
+            )
 
     def step(self, current: Tensor) -> Tensor:
         """One ms with the current [B, N] from outside and of the background; who fired, bool [B, N]."""
@@ -58,7 +59,7 @@ class DenseNetwork:
         count = self.released.popleft()
         self.released.append(fired[:, self.source].sum(1).to(self.v.dtype))
         self.level = dopamine.baseline + (self.level - dopamine.baseline) * math.exp(-1.0 / dopamine.tau)
-        self.level = self.level + dopamine.release * count * (count > dopamine.threshold)
+        self.level = self.level + dopamine.values["release"] * count * (count > dopamine.values["threshold"])
 
         before, after = fired[:, :, None], fired[:, None, :]
         self.last_pre = torch.where(fired, rule.potentiation, self.last_pre * math.exp(-1.0 / rule.tau_plus))

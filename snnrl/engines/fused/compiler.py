@@ -1,50 +1,115 @@
-"""How a mechanism that is written for tensors is compiled for numbers.
+"""How what is written for tensors, and kernels in plain Python, are compiled.
 
 A mechanism is a pure elementwise function: `torch.where(fired, c, v)` and arithmetic on what it is given. On tensors
-it is what it says. Here the same function is compiled by numba, in the network's precision: the functions of torch
-that it may use are given a meaning for numbers, and its constants are those of torch's arithmetic, which takes a
-Python number in the precision of the tensor beside it.
+it is what it says. Here the same function is compiled by numba, for numbers or for vectors of them, in the network's
+precision: the functions of torch that it may use are given a meaning, and its constants are those of torch's
+arithmetic, which takes a Python number in the precision of the tensor beside it.
+
+A kernel is a plain function. Where a network says which mechanism is meant, it calls one by the name of a
+`placeholder`; `Program` says what the names stand for, and compiles the kernel for just these.
+
+A module with a PRECISION (torch.float64) of its own is compiled in that one.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Callable
-from types import FunctionType
+import operator
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
+import llvmlite
+import numba
 import numpy as np
 import torch
-from numba import njit
+from numba import njit, types
+from numba._dynfunc import make_function
+from numba.core import config as numba_config
+from numba.core.caching import FunctionCache
+from numba.core.compiler import CompilerBase, DefaultPassBuilder
+from numba.core.compiler_machinery import register_pass
+from numba.core.typed_passes import NativeLowering
 from numba.extending import overload
 
+from snnrl.engines.fused import vectors
+from snnrl.engines.fused.vectors import VectorType, lanewise, select
+
 NUMBERS = (float, np.floating)
+settings: Any = numba_config
+
+
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _PartLowering(NativeLowering):
+    """Leaves it to the kernel that a function becomes a part of to optimise it and to make machine code of it."""
+
+    _name = "snnrl_part_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        library = state.library = state.targetctx.codegen().create_library(state.func_id.func_qualname)
+        library.enable_object_caching()
+        library._optimize_final_module = lambda: None
+        library._finalize_final_module = lambda: setattr(library, "_finalized", True)
+        state.flags.no_compile = True
+        super().run_pass(state)
+        lowered = state.cr  # its function cannot be called from Python: there is no code behind it
+        nothing = make_function(lowered.fndesc.lookup_module(), "part", "", 0, lowered.env, (library,))
+        state.targetctx.insert_user_function(nothing, lowered.fndesc, [library])
+        state.cr = lowered._replace(cfunc=nothing)
+        return True
+
+
+class _PartCompiler(CompilerBase):
+    def define_pipelines(self) -> list[Any]:
+        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+        passes.passes = [(_PartLowering if kind is NativeLowering else kind, name) for kind, name in passes.passes]
+        passes.finalize()
+        return [passes]
+
+
+PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+
+
+def placeholder(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Mark a function that a `Program` puts another in the place of."""
+    function.placeholder = True  # type: ignore[attr-defined]
+    return function
+
+
+def rare(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Mark a kernel that is seldom called: it is not copied into its callers."""
+    function.rare = True  # type: ignore[attr-defined]
+    return function
 
 
 @overload(torch.where)
 def _where(condition, one, other):
+    if isinstance(condition, VectorType):
+        return lambda condition, one, other: select(condition, one, other)
     return lambda condition, one, other: one if condition else other
 
 
 @overload(torch.minimum)
 def _minimum(one, other):
-    return lambda one, other: one if one < other else other
+    return lambda one, other: torch.where(one < other, one, other)
 
 
 @overload(torch.maximum)
 def _maximum(one, other):
-    return lambda one, other: one if one > other else other
+    return lambda one, other: torch.where(one > other, one, other)
 
 
 @overload(torch.clamp)
 def _clamp(value, min, max):
-    return lambda value, min, max: max if value > max else min if value < min else value
+    return lambda value, min, max: torch.where(value > max, max, torch.where(value < min, min, value))
 
 
 @overload(torch.sign)
 def _sign(value):
-    real = value
-    return lambda value: real((value > 0) - (value < 0))
+    return lambda value: torch.where(value > 0.0, 1.0, torch.where(value < 0.0, -1.0, 0.0))
 
 
 @overload(torch.remainder)
@@ -54,38 +119,125 @@ def _remainder(value, divisor):
 
 @overload(torch.logical_not)
 def _logical_not(value):
+    if isinstance(value, VectorType):
+        return lambda value: select(value, False, True)
     return lambda value: not value
 
 
-def _give_meaning(function: Any, meaning: Any) -> None:
-    overload(function)(lambda value: lambda value: meaning(value))
+@overload(operator.invert)
+def _invert(value):
+    if isinstance(value, VectorType) and value.element == types.boolean:
+        return lambda value: select(value, False, True)
+    return None
+
+
+def _give_meaning(function: Any, number: Any, name: str) -> None:
+    """A function of torch of one argument: what it is for a number, and what LLVM calls it."""
+
+    def meaning(value):
+        if isinstance(value, VectorType):
+            return lambda value: lanewise(name, value)
+        return lambda value: number(value)
+
+    overload(function)(meaning)
 
 
 for _name in ("exp", "log", "sqrt", "sin", "cos", "tanh", "floor"):
-    _give_meaning(getattr(torch, _name), getattr(math, _name))
-_give_meaning(torch.abs, abs)
-
-_known: dict[tuple[Callable[..., Any], Any], Any] = {}
+    _give_meaning(getattr(torch, _name), getattr(math, _name), _name)
+_give_meaning(torch.abs, abs, "fabs")
 
 
-def compiled(function: Callable[..., Any], real: Any = np.float64) -> Any:
-    """A mechanism as a compiled function of numbers of the type `real`, with the functions that it calls.
+class Program:
+    """Functions compiled together.
 
-    The same function and type give the same object.
+    Args:
+        real: type of the real numbers, np.float32 or np.float64.
+        names: what names stand for that kernels use and that no module says: mechanisms, compiled as well.
+
+    The same function gives the same object.
     """
-    if (function, real) not in _known:
-        assert isinstance(function, FunctionType), function
+
+    def __init__(self, real: Any, names: Mapping[str, Callable[..., Any]]) -> None:
+        self.real, self.names = real, dict(names)
+        self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
+
+    def kernel(self, function: Callable[..., Any]) -> Any:
+        """A function to be called from Python, compiled when it is first called and kept on the disk."""
+        compiled = self._compile(function, self.real, {"nogil": True, "no_cfunc_wrapper": True})
+        compiled._cache = _Kept(compiled.py_func, f"{self._digest(function, set())} {self.real.__name__}")
+        return compiled
+
+    def _compile(self, function: Callable[..., Any], real: Any, options: Mapping[str, Any]) -> Any:
+        real = np.float64 if function.__globals__.get("PRECISION") == torch.float64 else real
+        if (function, real) not in self._known:
+            assert isinstance(function, FunctionType), function
+            code = function.__code__
+            constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in code.co_consts)
+            found = {name: self._as_seen(name, function, real) for name in _names(code)}
+            scope = {name: value for name, value in found.items() if value is not _UNKNOWN}
+            scope["__name__"] = function.__module__
+            same = FunctionType(code.replace(co_consts=constants), scope, function.__name__, None, function.__closure__)
+            self._known[function, real] = njit(**{"error_model": "numpy", "_nrt": False, **options})(same)
+        return self._known[function, real]
+
+    def _as_seen(self, name: str, function: FunctionType, real: Any) -> Any:
+        """What a name outside of a compiled function stands for inside of it."""
+        value = self.names.get(name, function.__globals__.get(name, _UNKNOWN))
+        assert not hasattr(value, "placeholder"), f"{function.__name__}: {name} stands for nothing"
+        if isinstance(value, NUMBERS):
+            return real(value)
+        if isinstance(value, FunctionType):
+            return self._compile(value, real, PART if hasattr(value, "rare") else {**PART, "forceinline": True})
+        return value
+
+    def _digest(self, function: Any, seen: set[Any]) -> str:
+        """Of everything that a compiled function depends on."""
+        if function in seen:
+            return function.__name__
+        seen.add(function)
         code = function.__code__
-        constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in code.co_consts)
-        names = {name: function.__globals__[name] for name in code.co_names if name in function.__globals__}
-        found = {name: _as_seen(value, real) for name, value in names.items()} | {"__name__": function.__module__}
-        same = FunctionType(code.replace(co_consts=constants), found, function.__name__, None, function.__closure__)
-        _known[function, real] = njit(same, forceinline=True)
-    return _known[function, real]
+        parts = [code.co_code.hex(), *(repr(value) for value in code.co_consts if not isinstance(value, CodeType))]
+        for name in _names(code):
+            value = self.names.get(name, function.__globals__.get(name))
+            if isinstance(value, FunctionType):
+                parts.append(f"{name}: {self._digest(value, seen)}")
+            elif not isinstance(value, ModuleType):
+                parts.append(f"{name}: {value!r}" if isinstance(value, (int, float, tuple)) else name)
+        parts.append(_TOOLS)
+        return hashlib.sha256(" ".join(parts).encode()).hexdigest()
 
 
-def _as_seen(value: Any, real: Any) -> Any:
-    """What a name outside of a compiled function stands for inside of it."""
-    if isinstance(value, NUMBERS):
-        return real(value)
-    return compiled(value, real) if isinstance(value, FunctionType) else value
+_UNKNOWN = object()
+_TOOLS = hashlib.sha256(
+    b"".join([numba.__version__.encode(), llvmlite.__version__.encode()])
+    + b"".join(Path(str(path)).read_bytes() for path in (__file__, vectors.__file__))
+).hexdigest()
+
+
+def _names(code: CodeType) -> list[str]:
+    """What a function's code, and that of functions within it, may look up outside."""
+    inner = [name for value in code.co_consts if isinstance(value, CodeType) for name in _names(value)]
+    return list(dict.fromkeys([*code.co_names, *inner]))
+
+
+class _Kept(FunctionCache):
+    """Compiled code on the disk, in ~/.cache/snnrl or numba's own folder, under a key that says what was compiled."""
+
+    def __init__(self, function: Any, key: str) -> None:
+        self._key = key
+        chosen = settings.CACHE_DIR
+        settings.CACHE_DIR = chosen or str(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "snnrl")
+        try:
+            super().__init__(function)
+        finally:
+            settings.CACHE_DIR = chosen
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return sig, codegen.magic_tuple(), self._key
+
+
+def spelled(name: str, arguments: str, body: str, scope: Mapping[str, Any]) -> Callable[..., Any]:
+    """A function from its source, for where the number of a call's arguments is known only now."""
+    found: dict[str, Any] = {}
+    exec(f"def {name}({arguments}):\n{body}", {**scope, "__name__": __name__}, found)
+    return found[name]

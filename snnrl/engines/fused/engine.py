@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import os
+import warnings
+from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -17,22 +20,40 @@ from torch import Tensor, nn
 from snnrl.body.coding import Coding
 from snnrl.body.world import TOUCHES, RangeSensor, World
 from snnrl.configuration.schema import ConfigError
-from snnrl.engines.fused.network import BLOCK, NetworkArrays, run_network
-from snnrl.engines.fused.world import CodingArrays, WorldArrays, run_ticks
+from snnrl.engines.fused.coding import CodingArrays, run_ticks
+from snnrl.engines.fused.compiler import Program
+from snnrl.engines.fused.modulators import releasing
+from snnrl.engines.fused.network import run_network
+from snnrl.engines.fused.neurons import stepping
+from snnrl.engines.fused.plasticity import bounding
+from snnrl.engines.fused.vectors import LANES
+from snnrl.engines.fused.work import State, Work, work_for
+from snnrl.engines.fused.world import WorldArrays
+from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, tables, topology
 from snnrl.model.draws import poisson_table_size, stream
-from snnrl.model.homeostasis import Homeostasis
-from snnrl.model.modulators import Dopamine
+from snnrl.model.modulators import Modulator
 from snnrl.model.network import Network, SynapseTable
-from snnrl.model.neurons import CONSTANT, LINEAR, PEAK, SQUARE, NeuronGroup
-from snnrl.model.synapses import Plasticity, Projection, stdp
+from snnrl.model.neurons import NeuronGroup
+from snnrl.model.synapses import Projection
 from snnrl.simulation import Simulation
 
-FORGOTTEN = 100  # in units of tau: older pairs add less than 1e-43 of their amplitude
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting
 COMPILED = (
-    *(Simulation, Network, NeuronGroup, Projection, Plasticity, Dopamine, Homeostasis),
+    *(Simulation, Network, NeuronGroup, Projection, Modulator),
     *(Coding, World, RangeSensor, nn.ModuleDict),
 )
+
+
+@dataclass
+class _Bound:
+    """What is kept of a network from one run to the next, as long as it is the same."""
+
+    synapses: SynapseTable
+    topology: Topology
+    described: tuple[Any, ...]
+    tables: Tables
+    functions: Functions
+    works: dict[int, deque[Work]]
 
 
 class FusedEngine:
@@ -47,21 +68,26 @@ class FusedEngine:
     def __init__(self, threads: int = 0) -> None:
         self.threads = threads or _processors()
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
-        self._topologies: WeakKeyDictionary[Network, tuple[SynapseTable, dict[str, Any]]] = WeakKeyDictionary()
+        self._bound: WeakKeyDictionary[Network, _Bound] = WeakKeyDictionary()
 
     def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.Engine`."""
         network = simulation.network
         parts = (*simulation.coding.modules(), *simulation.world.modules(), *simulation.world.ranges.values())
         _check_compiled(simulation, *parts)
-        arrays = self._network(network)
         world, coding = _world(simulation.world), _coding(simulation.coding, network, simulation.world)
-        spikes = _raster(raster, network)
-        time = int(network.time)
+        bound, state = self._bind(network)
+        kernel = kernels(bound.functions, _real(network))[1]
+        spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
 
         def part(low: int, high: int) -> None:
-            run_ticks(arrays, world, coding, low, high, time, ticks, spikes)
+            works = bound.works[coding.tick]
+            work = works.pop() if works else self._work(bound, network, coding.tick)
+            table, touched = np.zeros(coding.table_size), np.zeros(len(TOUCHES), bool)
+            kernel(bound.tables, state, work, world, coding, table, touched, low, high, time, ticks, spikes, none)
+            works.append(work)
 
+        bound.works.setdefault(coding.tick, deque())
         self._spread(part, network.trials)
         network.time += ticks * coding.tick
 
@@ -75,15 +101,20 @@ class FusedEngine:
     ) -> None:
         """Open loop; see `snnrl.engines.Engine`."""
         network.check_reward(reward)
-        arrays = self._network(network)
+        bound, state = self._bind(network)
+        kernel = kernels(bound.functions, _real(network))[0]
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
-        current, spikes = injected.contiguous().numpy(), _raster(raster, network)
-        time = int(network.time)
+        given = [tensor.contiguous().numpy() for tensor in (injected, signs)]
+        spikes, time, rewarded = _raster(raster, network), int(network.time), rewards.contiguous().numpy()
 
         def part(low: int, high: int) -> None:
-            run_network(arrays, low, high, time, current, signs.numpy(), spikes, rewards.contiguous().numpy())
+            works = bound.works[MILLISECONDS]
+            work = works.pop() if works else self._work(bound, network, MILLISECONDS)
+            kernel(bound.tables, state, work, low, high, time, *given, spikes, rewarded)
+            works.append(work)
 
+        bound.works.setdefault(MILLISECONDS, deque())
         self._spread(part, network.trials)
         network.time += len(injected)
 
@@ -101,27 +132,80 @@ class FusedEngine:
         for done in [self._pool.submit(part, *chosen) for chosen in ordered]:
             done.result()
 
-    def _network(self, network: Network) -> NetworkArrays:
+    def _bind(self, network: Network) -> tuple[_Bound, State]:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
-        _check_compiled(*network.modules(), network.plasticity, *network.homeostasis.values())
-        known = self._topologies.get(network)
-        if known is None or known[0] is not network.synapses:  # new tables where the network was moved or cast
-            known = self._topologies[network] = (network.synapses, _topology(network))
-        neurons, synapses, dopamine = network.neurons, network.synapses, network.dopamine
-        state = {
-            "pending": network.pending,
-            "spike_count": network.spike_count,
-            "weight": synapses.weight,
-            "eligibility": synapses.eligibility,
-            "level": network.pending.new_zeros(network.trials) if dopamine is None else dopamine.level,
-            "total": torch.zeros(network.trials, dtype=torch.float64) if dopamine is None else dopamine.total,
-            "released": network.spike_count.new_zeros(network.trials, 1) if dopamine is None else dopamine.released,
-            "trials": network.draws.trials,
-        }
-        for key in ("v", "u", "a", "b", "c", "d", "last_spike"):
-            state[key] = getattr(neurons, key)
-        return NetworkArrays(**{key: tensor.numpy() for key, tensor in state.items()}, **known[1])
+        _check_compiled(*network.modules())
+        known, described = self._bound.get(network), _describe(network)
+        # new tables where the network was moved or cast, or anything of it exchanged
+        if known is None or known.synapses is not network.synapses or known.described != described:
+            same = known is not None and known.synapses is network.synapses
+            found = known.topology if known and same else topology(network, LANES)
+            made = tables(network, found, LANES)
+            _note(made[1])
+            known = self._bound[network] = _Bound(network.synapses, found, described, *made, {})
+        modulators = list(network.modulators.values())
+        none = Modulator("none", {"count": ""}, 1, 0.0, 1.0, 1, NOTHING, network.dtype, "cpu")
+        state = State(
+            network.neurons.packed.numpy(),
+            network.neurons.last_spike.numpy(),
+            network.pending.numpy(),
+            network.spike_count.numpy(),
+            network.synapses.weight.numpy(),
+            network.synapses.eligibility.numpy(),
+            known.topology.settled,
+            *(tuple(getattr(m, key).numpy() for m in modulators or [none]) for key in MODULATOR),
+        )
+        return known, state
+
+    @staticmethod
+    def _work(bound: _Bound, network: Network, rows: int) -> Work:
+        return work_for(bound.tables, len(network.neurons.columns), network.slots, rows, _real(network))
+
+
+NOTHING = {"release": 0.0, "threshold": 0.0}
+MODULATOR = ("level", "total", "pending", "rate")  # in the order of `State`
+
+
+@cache
+def kernels(functions: Functions, real: Any) -> tuple[Any, Any]:
+    """`run_network` and `run_ticks`, compiled for networks of these functions."""
+    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions)})
+    return program.kernel(run_network), program.kernel(run_ticks)
+
+
+def _note(functions: Functions) -> None:
+    """Say once of each weight rule that does not add up what that costs."""
+    for rule, _ in functions.weight_rules:
+        if not getattr(rule, "additive", False) and rule not in _NOTED:
+            _NOTED.add(rule)
+            warnings.warn(
+                f"engine=fused: {rule.__name__} is not declared additive, so every synapse that learns by it is "
+                "updated in every ms (see snnrl.model.plasticity.additive)",
+                stacklevel=2,
+            )
+
+
+_NOTED: set[Callable[..., Any]] = set()
+
+
+def _real(network: Network) -> Any:
+    return network.pending.numpy().dtype.type
+
+
+def _describe(network: Network) -> tuple[Any, ...]:
+    """Everything that tables are made from and that may be exchanged between two runs."""
+    return (
+        network.synaptic_gain,
+        (network.draws.seed, id(network.draws.trials)),
+        [(name, item) for name, item in network.homeostasis.items()],
+        [(p.rule, p.listens) for p in network.projections.values()],
+        [(g.model, g.current, g.noise) for g in network.groups.values()],
+        [
+            (m.sources, m.released, m.values, m.baseline, m.tau, m.delay, m.smoothing, m.signed, m.reward)
+            for m in network.modulators.values()
+        ],
+    )
 
 
 def _check_compiled(*parts: object) -> None:
@@ -145,73 +229,6 @@ def _raster(raster: Tensor | None, network: Network) -> Any:
         return np.zeros((0, network.trials, network.size), np.uint8)
     raster.zero_()
     return raster.numpy().view(np.uint8)
-
-
-def _topology(network: Network) -> dict[str, Any]:
-    """Everything about a network that does not change while it runs."""
-    real = network.pending.numpy().dtype
-    groups, projections = list(network.groups.values()), list(network.projections.values())
-    place = {group.name: k for k, group in enumerate(groups)}
-    sets = [set(item.projections) for item in network.homeostasis.values()]
-    rows, columns, incoming, described = [], [], [], []
-    first_row = first_column = first_synapse = first_incoming = 0
-    for projection in projections:
-        trials, pre_size, post_size = projection.shape
-        row = (projection.trial * pre_size + projection.pre_index).numpy()
-        rows.append(first_synapse + np.searchsorted(row, np.arange(trials * pre_size)))
-        member = [k for k, names in enumerate(sets) if projection.plastic and projection.name in names]
-        column_base = -1
-        if projection.plastic:
-            column = (projection.trial * post_size + projection.post_index).numpy()
-            order = np.argsort(column, kind="stable")
-            columns.append(first_incoming + np.searchsorted(column[order], np.arange(trials * post_size)))
-            incoming.append(first_synapse + order)
-            column_base, first_column = first_column, first_column + trials * post_size
-            first_incoming += len(order)
-        described.append(
-            (place[projection.pre], place[projection.post], projection.delay, *(member or [-1]), first_row, column_base)
-        )
-        first_row += trials * pre_size
-        first_synapse += len(row)
-    rule, dopamine = network.plasticity, network.dopamine
-    decay, baseline, release = (
-        (0.0, 0.0, 0.0) if dopamine is None else (dopamine.decay, dopamine.baseline, dopamine.release)
-    )
-    return {
-        "settled": np.zeros(network.synapses.plastic, real),
-        "source": (network.synapses.pre % network.size).numpy().astype(np.int32),
-        "target": (network.synapses.post % network.size).numpy().astype(np.int32),
-        "rows": _joined([*rows, [first_synapse]], np.int64),
-        "columns": _joined([*columns, [first_incoming]], np.int64),
-        "incoming": _joined(incoming, np.int32),
-        "groups": np.array([(g.size, g.start, stream("background", g.name), g.noise != 0.0) for g in groups], np.int64),
-        "background": np.array([(group.current, group.noise) for group in groups], real),
-        "projections": np.array(described, np.int64).reshape(-1, 6),
-        "plastic": sum(projection.plastic for projection in projections),
-        "set_limit": network.set_limit.numpy(),
-        "set_step": np.array([item.step for item in network.homeostasis.values()], real),
-        "gain": _window(rule.potentiation, rule.tau_plus, network.dtype),
-        "loss": _window(rule.depression, rule.tau_minus, network.dtype),
-        "fading": np.cumprod([1.0, *[rule.decay] * BLOCK]).astype(real),
-        "depresses": rule.simultaneous == "depresses",
-        "modulated": dopamine is not None,
-        "source_group": -1 if dopamine is None or dopamine.source is None else place[dopamine.source],
-        "threshold": 0 if dopamine is None else dopamine.threshold,
-        "constants": np.array(
-            [SQUARE, LINEAR, CONSTANT, 0.5, PEAK, decay, baseline, release, rule.weight_max, network.synaptic_gain],
-            real,
-        ),
-        "seed": np.uint64(network.draws.seed),
-    }
-
-
-def _joined(parts: list[Any], dtype: Any) -> Any:
-    return np.concatenate([np.zeros(0, dtype), *parts]).astype(dtype)
-
-
-def _window(amplitude: float, tau: float, dtype: torch.dtype) -> Any:
-    """One half of the STDP window by elapsed ms."""
-    return stdp(torch.arange(math.ceil(FORGOTTEN * tau)), amplitude, tau, dtype).numpy()
 
 
 def _world(world: World) -> WorldArrays:
@@ -262,5 +279,6 @@ def _coding(coding: Coding, network: Network, world: World) -> CodingArrays:
         real(coding.touch_pulse.gain),
         poisson_table_size(coding.range_pulse.mean),
         coding.touch_thresholds.numpy(),
-        coding.exploration_thresholds.numpy().astype(np.int32),
+        coding.exploration_thresholds.numpy(),
+        np.array([1, -1], real),
     )
