@@ -2,15 +2,16 @@
 
 from importlib.metadata import version
 
+from snnrl.body.robot import Robot
 from snnrl.body.world import World
-from snnrl.builder import build, build_network, build_task
+from snnrl.builder import build, build_network
 from snnrl.configuration import schema
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network
 from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Projection
-from snnrl.simulation import Simulation, TaskSimulation
+from snnrl.simulation import Simulation
 
 __version__ = version("snnrl")
 
@@ -19,13 +20,12 @@ __all__ = [
     "Network",
     "NeuronGroup",
     "Projection",
+    "Robot",
     "Simulation",
-    "TaskSimulation",
     "World",
     "__version__",
     "build",
     "build_network",
-    "build_task",
     "make_engine",
     "schema",
 ]

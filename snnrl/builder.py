@@ -1,13 +1,15 @@
-"""From descriptions to state: a `NetworkConfig` to a `Network`, a `Config` to a `Simulation` or `TaskSimulation`."""
+"""From descriptions to state: a `NetworkConfig` to a `Network`, a `Config` to a `Simulation`."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from snnrl.body.coding import Coding, Pulse
+from snnrl.body.robot import Robot
 from snnrl.body.world import TOUCHES, RangeSensor, World
 from snnrl.configuration import footprint
 from snnrl.configuration.functions import function
@@ -36,7 +38,7 @@ from snnrl.model.network import Network
 from snnrl.model.neurons import IZHIKEVICH, NeuronGroup, NeuronModel
 from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate
 from snnrl.model.synapses import DOPAMINE, Projection
-from snnrl.simulation import Simulation, TaskSimulation
+from snnrl.simulation import Simulation
 from snnrl.tasks.task import Coincidence, Reward, Stimuli, Task
 
 UNTAUGHT = RobotConfig(name="untaught")
@@ -44,39 +46,29 @@ RESERVED = frozenset(dir(nn.ModuleDict()))
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 
 
-def build(config: Config) -> Simulation:
-    """The whole closed loop of a robot.
+def build(config: Config) -> Simulation[Any]:
+    """The whole closed loop of a robot, or of a task.
 
     Raises:
         ConfigError: names the first value that is out of bounds or contradicts another.
     """
     check(config)
     footprint.check(footprint.of_run(config))
-    coding, world = config.body()
     draws = _draws(config)
     network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
-    return Simulation(network, build_coding(coding, network), build_world(world, coding, draws))
+    if config.task is not None:
+        return Simulation(network, _task(config.task, network))
+    coding, world = config.body()
+    return Simulation(network, Robot(build_coding(coding, network), build_world(world, coding, draws)))
 
 
 def check(config: Config) -> None:
     """Check all values of a run; raises ConfigError at the first that is out of bounds or contradicts another."""
     check_bounds(config)
-    check_contradictions(config)
-
-
-def build_task(config: Config) -> TaskSimulation:
-    """The whole closed loop of a task.
-
-    Raises:
-        ConfigError: names the first value that is out of bounds or contradicts another.
-    """
-    check_bounds(config)
-    check_task(config)
-    footprint.check(footprint.of_run(config))
-    assert config.task is not None
-    draws = _draws(config)
-    network = build_network(config.network, draws, DTYPES[config.dtype], config.robot)
-    return TaskSimulation(network, _task(config.task, network))
+    if config.task is None:
+        check_robot(config)
+    else:
+        check_task(config)
 
 
 def _draws(config: Config) -> Draws:
@@ -408,16 +400,12 @@ def _check_neuron(key: str, config: NeuronConfig) -> None:
             raise ConfigError(f"{key}.parameters", name, f"{config.model} has {', '.join(needed)}")
 
 
-def check_contradictions(config: Config) -> None:
+def check_robot(config: Config) -> None:
     """Values that are each allowed but do not fit together; raises ConfigError."""
-    if config.task is not None:
-        raise ConfigError("task", "...", "a robot has none; a task is built by build_task")
-    if config.coding is None or config.world is None:
-        missing = "coding" if config.coding is None else "world"
-        raise ConfigError(missing, None, "must be given where there is no task")
+    coding, world = config.body()
     _one_of("robot", config.robot.name, config.experiment.robots)
     check_network(config.network, config.robot)
-    groups, coding, world = config.network.groups, config.coding, config.world
+    groups = config.network.groups
     _one_of("coding.motors.left", coding.motors.left, groups)
     _one_of("coding.motors.right", coding.motors.right, groups)
     if coding.slow > coding.fast:

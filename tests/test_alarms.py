@@ -44,7 +44,7 @@ NONE = weights(torch.zeros(1), torch.zeros(1))
 
 def test_a_trial_whose_motor_falls_silent(simulation: Simulation) -> None:
     alarms = watch(simulation)
-    network, motors = simulation.network, simulation.coding.motor_groups
+    network, motors = simulation.network, simulation.situation.coding.motor_groups
     network.spike_count[:, motors] += 5
     alarms.check(NONE)
     network.time += 9990

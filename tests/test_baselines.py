@@ -169,11 +169,11 @@ def test_learners_come_to_collect_more_than_a_random_walk() -> None:
 def test_a_random_walk_collects_what_the_spiking_random_walk_does() -> None:
     trials, ticks = 100, 800
     simulation = make_simulation("+experiment=food_attraction", "robot=random_walk", f"trials={trials}", "seed=5")
-    make_engine("fused", "cpu").run(simulation, ticks)
+    simulation.run(make_engine("fused", "cpu"), ticks)
     config = compose_config("+experiment=food_attraction", f"trials={trials}", "seed=6")
     world, advance = agent_robot(config, "random_walk", OPTIONS)
     advance(ticks)
-    counts = [w.touches[:, 0].double() for w in (simulation.world, world)]
+    counts = [w.touches[:, 0].double() for w in (simulation.situation.world, world)]
     error = math.sqrt(sum(float(c.var()) for c in counts) / trials)
     assert 10 < float(counts[0].mean()) < 20
     assert abs(float(counts[0].mean() - counts[1].mean())) < 3 * error

@@ -66,7 +66,7 @@ def test_late_food_is_that_of_the_last_part_of_a_trial() -> None:
     ours = outcome(*robot, {"seconds": 35.0}, 4, seed)
     until, _ = simulate(*robot, {"seconds": 24.5}, 4, seed)
     assert ours.late.sum() > 0
-    assert (ours.food - ours.late).tolist() == until.world.touches[:, 0].tolist()
+    assert (ours.food - ours.late).tolist() == until.situation.world.touches[:, 0].tolist()
     assert ours.contrast is None
 
 

@@ -171,9 +171,9 @@ def test_a_signal_saves_the_state_and_says_so(
     folder = new(tmp_path / "run")
     config = make("checkpoint.every=0")
 
-    def slow(self: FusedEngine, simulation: Any, ticks: int, raster: Any = None) -> None:
-        FusedEngine.run(self, simulation, ticks, raster)
-        if int(simulation.network.time) > 8000:
+    def slow(self: FusedEngine, network: Any, situation: Any, ticks: int, raster: Any = None) -> None:
+        FusedEngine.run(self, network, situation, ticks, raster)
+        if int(network.time) > 8000:
             signal.raise_signal(number)
 
     class Signalled(FusedEngine):

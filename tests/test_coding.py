@@ -31,7 +31,7 @@ def currents(simulation: Simulation, values: list[list[float]], touched: list[bo
     """A tick's currents for the values of the left and right food sensor, [tick, B, N]."""
     felt = torch.tensor(touched or [False] * len(values))
     value = torch.tensor(values, dtype=torch.float64)
-    return simulation.coding.encode(simulation.network, {"food": value}, {"food": felt})
+    return simulation.situation.coding.encode(simulation.network, {"food": value}, {"food": felt})
 
 
 @pytest.mark.parametrize(
@@ -49,10 +49,10 @@ def test_wheel_speeds_are_winner_takes_all(left: int, right: int, speeds: list[f
     simulation = food_only(1)
     names = list(simulation.network.groups)
     simulation.network.spike_count.fill_(1000)  # of other groups, which must not count
-    simulation.coding.decoded.fill_(1000)
+    simulation.situation.coding.decoded.fill_(1000)
     simulation.network.spike_count[0, names.index("left_motor")] += left
     simulation.network.spike_count[0, names.index("right_motor")] += right
-    assert simulation.coding.decode(simulation.network)[0].tolist() == pytest.approx(speeds, abs=1e-12)
+    assert simulation.situation.coding.decode(simulation.network)[0].tolist() == pytest.approx(speeds, abs=1e-12)
 
 
 def test_only_spikes_since_the_last_tick_count() -> None:
@@ -68,7 +68,7 @@ def test_only_spikes_since_the_last_tick_count() -> None:
     ]
     for total, speeds in zip(totals, expected, strict=True):
         simulation.network.spike_count[:, motors] = torch.tensor(total)
-        found = simulation.coding.decode(simulation.network)
+        found = simulation.situation.coding.decode(simulation.network)
         assert torch.allclose(found, torch.tensor(speeds, dtype=torch.float64), rtol=0, atol=1e-12)
 
 
@@ -79,15 +79,15 @@ def test_only_spikes_since_the_last_tick_count() -> None:
 def test_the_robot_turns_by_the_spikes_of_the_last_tick(left: int, right: int, turn: float, engine: str) -> None:
     """More spikes on the left: the left wheel is faster and the robot turns to the right."""
     simulation = food_only(1)
-    place(simulation.world, (50.0, 50.0), 3.0, [[1.0, 1.0]] * 20)
+    place(simulation.situation.world, (50.0, 50.0), 3.0, [[1.0, 1.0]] * 20)
     machine = make_engine(engine, "cpu", 1)
     injected = torch.zeros(TICK, 1, simulation.network.size, dtype=torch.float64)
     for group, count in (("left_motor", left), ("right_motor", right)):
         start = span(simulation, group).start
         injected[30, 0, start : start + count] = SURE
     machine.run_network(simulation.network, injected)
-    machine.run(simulation, 1)
-    assert float(simulation.world.heading) == pytest.approx(3.0 + turn, abs=1e-12)
+    simulation.run(machine, 1)
+    assert float(simulation.situation.world.heading) == pytest.approx(3.0 + turn, abs=1e-12)
 
 
 def test_a_range_pulse_lasts_1_ms_and_drives_only_the_answering_side() -> None:
@@ -99,7 +99,7 @@ def test_a_range_pulse_lasts_1_ms_and_drives_only_the_answering_side() -> None:
         assert float(side[1:].abs().max()) == 0.0
         assert float(side[0, silent].abs().max()) == 0.0
         assert bool((side[0, answering] > 0).all())
-        mean = float(side[0, answering].mean()) / simulation.coding.range_pulse.gain
+        mean = float(side[0, answering].mean()) / simulation.situation.coding.range_pulse.gain
         assert mean == pytest.approx(24.0, abs=5 * math.sqrt(24.0 / 300))  # 30 x 0.8, five standard errors
     assert len(left[0, 0].unique()) > 5
 
@@ -163,10 +163,10 @@ def test_engines_agree_on_a_tick_with_every_kind_of_current(tick: int) -> None:
         simulation = food_only(5, f"coding.tick={tick}", "seed=2")
         far = [[20.0, 80.0]] * 19
         for trial, item in enumerate(([60.0, 52.0], [60.0, 45.0], [53.0, 50.0], [30.0, 50.0], [75.0, 50.0])):
-            place(simulation.world, (50.0, 50.0), 0.0, [item, *far], trial=trial)
+            place(simulation.situation.world, (50.0, 50.0), 0.0, [item, *far], trial=trial)
         raster = torch.zeros(3 * tick, 5, simulation.network.size, dtype=torch.bool)
-        make_engine(engine, "cpu", 1).run(simulation, 3, raster)
-        assert simulation.world.touches[:, 0].tolist()[2] >= 1
+        simulation.run(make_engine(engine, "cpu", 1), 3, raster)
+        assert simulation.situation.world.touches[:, 0].tolist()[2] >= 1
         assert int(simulation.network.time) == 3 * tick
         states.append(simulation.state_dict())
         rasters.append(raster)
@@ -185,6 +185,6 @@ def test_a_burst_lowers_dopamine_in_ticks_with_poison(poison: str, sign: int, en
     dopamine = simulation.network.dopamine
     assert dopamine is not None
     dopamine.pending[0, 0, 0] = 20
-    make_engine(engine, "cpu", 1).run(simulation, 1)
+    simulation.run(make_engine(engine, "cpu", 1), 1)
     expected = dopamine.baseline + sign * 20 * dopamine.values["release"] * math.exp(-69 / dopamine.tau)
     assert float(dopamine.level) == pytest.approx(expected, rel=1e-9)

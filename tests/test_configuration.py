@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers import compose_config
 
-from snnrl.builder import build, build_task
+from snnrl.builder import build
 from snnrl.configuration.compose import conf_dir
 from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
@@ -25,16 +25,10 @@ def test_every_experiment_runs_with_each_of_its_robots(experiment: str, robot: s
     config = compose_config(f"+experiment={experiment}", f"robot={robot}", "trials=2", "seconds=0.7")
     assert (config.experiment.name, config.robot.name) == (experiment, robot)
     engine = make_engine("fused", "cpu")
-    if config.task is None:
-        run = build(config)
-        engine.run(run, 10)
-        network, tick = run.network, run.coding.tick
-    else:
-        other = build_task(config)
-        other.advance(engine, 10)
-        network, tick = other.network, other.task.tick
-    assert int(network.time) == 10 * tick
-    assert int(network.spike_count.sum()) > 0
+    run = build(config)
+    run.run(engine, 10)
+    assert int(run.network.time) == 10 * run.tick
+    assert int(run.network.spike_count.sum()) > 0
 
 
 def test_published_sizes_are_the_defaults() -> None:

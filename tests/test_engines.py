@@ -24,7 +24,7 @@ from snnrl.configuration.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
-from snnrl.engines import make_engine
+from snnrl.engines import ReferenceEngine, make_engine
 from snnrl.engines.fused import FusedEngine
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network
@@ -63,11 +63,11 @@ def simulation(*overrides: str) -> Simulation:
 def test_engines_agree_on_every_spike_of_a_closed_loop(overrides: list[str]) -> None:
     first = simulation(*overrides, "trials=3", "dtype=float64", "seed=5")
     second = copy.deepcopy(first)
-    ticks, tick = 72, first.coding.tick  # 5.04 s
+    ticks, tick = 72, first.situation.coding.tick  # 5.04 s
     raster = torch.zeros(ticks * tick, 3, first.network.size, dtype=torch.bool)
     other = torch.ones_like(raster)
-    make_engine("reference", "cpu").run(first, ticks, raster)
-    make_engine("fused", "cpu", 2).run(second, ticks, other)
+    first.run(make_engine("reference", "cpu"), ticks, raster)
+    second.run(make_engine("fused", "cpu", 2), ticks, other)
     assert raster.sum() > 1000
     assert torch.equal(raster, other)
     assert_close(state(second), state(first))
@@ -128,11 +128,11 @@ def test_engines_agree_on_a_third_network() -> None:
 def test_a_raster_may_be_of_the_first_trials_only(engine: str) -> None:
     first = simulation("+experiment=food_attraction", "trials=3")
     second = copy.deepcopy(first)
-    ticks, tick = 4, first.coding.tick
+    ticks, tick = 4, first.situation.coding.tick
     whole = torch.zeros(ticks * tick, 3, first.network.size, dtype=torch.bool)
     part = torch.zeros(ticks * tick, 1, first.network.size, dtype=torch.bool)
-    make_engine(engine, "cpu", 2).run(first, ticks, whole)
-    make_engine(engine, "cpu", 2).run(second, ticks, part)
+    first.run(make_engine(engine, "cpu", 2), ticks, whole)
+    second.run(make_engine(engine, "cpu", 2), ticks, part)
     assert part.any()
     assert torch.equal(part, whole[:, :1])
 
@@ -141,8 +141,8 @@ def test_engines_agree_statistically_in_float32() -> None:
     food = {}
     for engine in ("reference", "fused"):
         run = simulation("+experiment=food_attraction", "+robot.weights.food_attraction=1.5", "trials=40", "seed=2")
-        make_engine(engine, "cpu").run(run, 150)
-        food[engine] = run.world.touches[:, 0].double()
+        run.run(make_engine(engine, "cpu"), 150)
+        food[engine] = run.situation.world.touches[:, 0].double()
     assert food["reference"].sum() > 100
     # the same trials, so also close pair by pair until rounding has grown
     assert stats.ttest_rel(food["reference"], food["fused"]).pvalue > 0.01 or torch.equal(*food.values())
@@ -159,7 +159,7 @@ def test_a_trial_is_the_same_alone_in_a_batch_and_in_a_part(engine: str, experim
         "alone": simulation(*options, "trials=1", "trial_start=4"),
     }
     for k, run in enumerate(runs.values()):
-        make_engine(engine, "cpu", 1 + k % 2).run(run, ticks)
+        run.run(make_engine(engine, "cpu", 1 + k % 2), ticks)
     places = {"batch": 4, "part": 2, "alone": 0}
     expected = trial_state(runs["batch"], places["batch"])
     for name in ("part", "alone"):
@@ -185,9 +185,9 @@ def test_splitting_a_run_at_ticks_changes_nothing(engine: str) -> None:
     first = simulation("+experiment=food_attraction", "+robot.weights.food_attraction=2", "trials=2")
     second = copy.deepcopy(first)
     chosen = make_engine(engine, "cpu")
-    chosen.run(first, 30)
+    first.run(chosen, 30)
     for part in (1, 17, 12):
-        chosen.run(second, part)
+        second.run(chosen, part)
     for key, value in state(first).items():
         assert torch.equal(value, second.state_dict()[key]), key
 
@@ -198,10 +198,10 @@ def test_state_dict_carries_the_whole_state(engine: str) -> None:
     first = simulation("+experiment=dual_learning", "+robot.weights.food_attraction=2", "trials=2", "dtype=float64")
     second = copy.deepcopy(first)
     chosen = make_engine(engine, "cpu")
-    chosen.run(first, 20)
+    first.run(chosen, 20)
     second.load_state_dict(first.state_dict())
-    chosen.run(first, 10)
-    chosen.run(second, 10)
+    first.run(chosen, 10)
+    second.run(chosen, 10)
     for key, value in state(first).items():
         assert torch.equal(value, second.state_dict()[key]), key
 
@@ -223,10 +223,10 @@ def test_state_dict_carries_delay_lines() -> None:
 def test_modules_keep_sharing_memory_with_the_tables_after_copies_and_casts() -> None:
     run = copy.deepcopy(simulation("+experiment=food_attraction", "trials=2"))
     chosen = make_engine("fused", "cpu")
-    chosen.run(run, 20)
-    chosen.run(run.double(), 20)
+    run.run(chosen, 20)
+    run.double().run(chosen, 20)
     network = run.network
-    assert network.neurons.v.dtype == run.world.position.dtype == torch.float64
+    assert network.neurons.v.dtype == run.situation.world.position.dtype == torch.float64
     for group in network.groups.values():
         assert torch.equal(group.v, network.neurons.v[:, group.span])
     assert (network.groups["left_motor"].last_spike >= 0).any()
@@ -238,7 +238,7 @@ def test_modules_keep_sharing_memory_with_the_tables_after_copies_and_casts() ->
 def test_world_stays_float64_whatever_the_networks_precision() -> None:
     run = simulation("+experiment=food_attraction", "trials=2", "dtype=float64").float()
     assert run.network.dtype == torch.float32
-    assert run.world.position.dtype == run.world.items.dtype == torch.float64
+    assert run.situation.world.position.dtype == run.situation.world.items.dtype == torch.float64
 
 
 def test_reference_tick_never_waits_for_the_host() -> None:
@@ -247,8 +247,8 @@ def test_reference_tick_never_waits_for_the_host() -> None:
 
     run = simulation("+experiment=dual_learning", "trials=2")
     with FakeTensorMode(allow_non_fake_inputs=True):
-        run.coding.tick = 3
-        run.tick()
+        run.situation.coding.tick = 3
+        run.run(ReferenceEngine(), 1)
 
 
 def test_fused_engine_refuses_other_devices() -> None:
@@ -267,9 +267,9 @@ class Softer(Network):
 def test_fused_engine_refuses_what_it_has_not_compiled() -> None:
     fused = make_engine("fused", "cpu", 1)
     with_world = simulation("+experiment=food_attraction", "trials=1")
-    with_world.world.__class__ = Faster
+    with_world.situation.world.__class__ = Faster
     with pytest.raises(ConfigError, match="engine=fused: cannot run Faster; use engine=reference"):
-        fused.run(with_world, 1)
+        with_world.run(fused, 1)
     network = simulation("+experiment=food_attraction", "trials=1").network
     injected = torch.zeros(3, 1, network.size)
     fused.run_network(network, injected)
@@ -295,13 +295,13 @@ def test_a_tick_runs_as_a_cuda_graph() -> None:
     options = ["+experiment=food_attraction", "+robot.weights.food_attraction=2", "trials=3", "dtype=float64"]
     expected = simulation(*options)
     run = simulation(*options, "device=cuda")
-    run.tick()
+    run.run(ReferenceEngine(), 1)
     graph = torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph):
-        run.tick()
+        run.run(ReferenceEngine(), 1)
     for _ in range(9):
         graph.replay()
-    make_engine("reference", "cpu").run(expected, 10)
+    expected.run(make_engine("reference", "cpu"), 10)
     assert torch.equal(run.network.spike_count.cpu(), expected.network.spike_count)
 
 
@@ -309,7 +309,7 @@ def test_a_trial_needs_less_than_a_megabyte() -> None:
     """All state and topology of the larger robot, with what the fused engine keeps beside it."""
     run = simulation("+experiment=dual_learning", "trials=20")
     engine = FusedEngine(1)
-    engine.run(run, 1)
+    run.run(engine, 1)
     seen: dict[int, int] = {}
     tables = [*vars(run.network.neurons).values(), *vars(run.network.synapses).values()]
     for tensor in [*run.buffers(), *tables]:

@@ -132,18 +132,20 @@ def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, rob
     engine = make_engine("fused", "cpu", 1)
     environments = snnrl.environments.ForagingVectorEnv(trials, experiment, overrides)
     environments.reset(seed=3)
-    motors = simulation.coding.motor_groups
+    motors = simulation.situation.coding.motor_groups
     total, least = np.zeros(trials), 0.0
     for _ in range(ticks):
-        unread = simulation.network.spike_count[:, motors] - simulation.coding.decoded
+        unread = simulation.network.spike_count[:, motors] - simulation.situation.coding.decoded
         lead = torch.sign(unread[:, 0] - unread[:, 1])
-        engine.run(simulation, 1)
+        simulation.run(engine, 1)
         observation, reward, *_ = environments.step((STRAIGHT + lead).numpy())
-        assert torch.equal(environments.foraging.world.touches, simulation.world.touches)
-        seen = np.concatenate([simulation.world.sense()[name].numpy() for name in simulation.coding.ranges], 1)
+        assert torch.equal(environments.foraging.world.touches, simulation.situation.world.touches)
+        seen = np.concatenate(
+            [simulation.situation.world.sense()[name].numpy() for name in simulation.situation.coding.ranges], 1
+        )
         np.testing.assert_allclose(observation[:, : seen.shape[1]], seen, atol=1e-6)
         total, least = total + reward, min(least, reward.min())
-    touches = simulation.world.touches
+    touches = simulation.situation.world.touches
     assert int(touches[:, 0].min()) > 0
     if overrides:
         assert least == -1

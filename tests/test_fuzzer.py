@@ -64,7 +64,7 @@ def outcome(tree: fuzz.Tree, engine: str) -> str:
         config = composed(tree)
         simulation = build(config)
         engine = engine if config.engine == "fused" else config.engine
-        make_engine(engine, config.device, config.threads).run(simulation, 2)
+        simulation.run(make_engine(engine, config.device, config.threads), 2)
     except REFUSALS as error:
         line = explain(error)
         assert line.isprintable()

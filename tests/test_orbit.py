@@ -14,13 +14,13 @@ from snnrl.engines import make_engine
 
 def test_an_attracted_robot_stays_on_its_orbit_round_the_item() -> None:
     run = build(compose_config("+experiment=orbit", "robot=learning_disabled", "trials=5", "dtype=float64"))
-    coding, world = run.coding, run.world
+    coding, world = run.situation.coding, run.situation.world
     radius, turn = orbit(coding.slow, coding.fast, coding.tick / 1000, world.axle)
     assert (radius, turn) == (pytest.approx(4.568, abs=1e-3), pytest.approx(0.434))
     engine = make_engine("fused", "cpu")
     headings = []
     for _ in range(60):
-        engine.run(run, 1)
+        run.run(engine, 1)
         distance = offset(world.position, world.items[:, 0], world.side).norm(dim=1)
         torch.testing.assert_close(distance, torch.full((5,), radius, dtype=torch.float64))
         headings.append(world.heading.clone())
@@ -33,8 +33,8 @@ def test_only_hunger_breaks_the_orbit() -> None:
     for robot in ("learning_disabled", "learning", "positive_baseline"):
         config = compose_config("+experiment=orbit", f"robot={robot}")
         run = build(config)
-        make_engine("fused", "cpu").run(run, round(1000 * config.seconds / run.coding.tick))
-        collected[robot] = int((run.world.touches[:, 0] > 0).sum())
+        run.run(make_engine("fused", "cpu"), round(1000 * config.seconds / run.situation.coding.tick))
+        collected[robot] = int((run.situation.world.touches[:, 0] > 0).sum())
     assert collected["learning_disabled"] == 0
     assert collected["learning"] >= 18
     assert collected["positive_baseline"] == 0

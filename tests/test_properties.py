@@ -223,27 +223,29 @@ def test_a_mirrored_world_with_a_mirrored_brain_gives_a_mirrored_run(engine: str
     Spikes are equal; places are mirrored to rounding."""
     options = ["trials=2", f"seed={seed}", "+robot.weights.food_attraction=3", "world.free_items=40"]
     run = make_simulation("+experiment=food_attraction", *options)
-    mirrored, side = copy.deepcopy(run), run.world.side
+    mirrored, side = copy.deepcopy(run), run.situation.world.side
 
     def mirror() -> list[Tensor]:
         flip = torch.tensor([1.0, -1.0], dtype=torch.float64)
-        places = [torch.remainder(flip * value, side) for value in (run.world.position, run.world.items)]
-        return [*places, torch.remainder(-run.world.heading, 2.0 * math.pi)]
+        places = [
+            torch.remainder(flip * value, side) for value in (run.situation.world.position, run.situation.world.items)
+        ]
+        return [*places, torch.remainder(-run.situation.world.heading, 2.0 * math.pi)]
 
-    world = mirrored.world
+    world = mirrored.situation.world
     for target, source in zip((world.position, world.items, world.heading), mirror(), strict=True):
         target.copy_(source)
     machine = make_engine(engine, "cpu", 1)
     for _ in range(40):
         for simulation, turn in ((run, lambda pair: pair), (mirrored, lambda pair: pair.flip(1))):
             network = simulation.network
-            touched = simulation.world.step(turn(simulation.coding.decode(network)), network.time)
+            touched = simulation.situation.world.step(turn(simulation.situation.coding.decode(network)), network.time)
             if simulation is mirrored:
                 world.items.copy_(mirror()[1])
-            values = {name: turn(value) for name, value in simulation.world.sense().items()}
-            machine.run_network(network, simulation.coding.encode(network, values, touched))
-    assert run.world.touches.sum() > 0
-    assert torch.equal(world.touches, run.world.touches)
+            values = {name: turn(value) for name, value in simulation.situation.world.sense().items()}
+            machine.run_network(network, simulation.situation.coding.encode(network, values, touched))
+    assert run.situation.world.touches.sum() > 0
+    assert torch.equal(world.touches, run.situation.world.touches)
     assert torch.equal(mirrored.network.spike_count, run.network.spike_count)
     position, _, heading = mirror()
     for actual, expected, period in ((world.position, position, side), (world.heading, heading, 2.0 * math.pi)):

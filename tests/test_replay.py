@@ -71,7 +71,7 @@ def replayed(run: Run) -> Path:
 def test_the_replay_ends_as_the_run_did(run: Run, recording: Recording) -> None:
     simulation = recording.simulation
     [row] = [row for row in csv.DictReader((run.folder / "trials.csv").open()) if row["trial"] == str(TRIAL)]
-    assert int(row["food"]) == int(simulation.world.touches[0, 0]) >= 2
+    assert int(row["food"]) == int(simulation.situation.world.touches[0, 0]) >= 2
     for name in run.series["projections"].tolist():
         assert row[name] == f"{float(simulation.network.projections[name].mean_weight()):.6g}"
         weights = simulation.network.projections[name].matrix()[0].coalesce()
@@ -111,9 +111,9 @@ def test_the_changes_of_weight_add_up(recording: Recording) -> None:
 def food_tick(config: Config) -> int:
     """The tick in which the trial's first item is taken."""
     simulation, engine = build(config), make_engine("fused", "cpu", 1)
-    while not int(simulation.world.touches[0, 0]):
-        engine.run(simulation, 1)
-    return int(simulation.network.time) // simulation.coding.tick
+    while not int(simulation.situation.world.touches[0, 0]):
+        simulation.run(engine, 1)
+    return int(simulation.network.time) // simulation.situation.coding.tick
 
 
 def test_dopamine_times_eligibility_is_what_the_network_itself_computes(run: Run) -> None:
@@ -125,14 +125,14 @@ def test_dopamine_times_eligibility_is_what_the_network_itself_computes(run: Run
     [reward] = [reward for reward in made.credit.rewards if reward.cause == "food"]
     assert reward.end < made.end
     simulation, engine = build(config), make_engine("fused", "cpu", 1)
-    network, tick = simulation.network, simulation.coding.tick
-    engine.run(simulation, reward.start // tick)
+    network, tick = simulation.network, simulation.situation.coding.tick
+    simulation.run(engine, reward.start // tick)
     synapses, dopamine = network.synapses, network.dopamine
     assert dopamine is not None
     driven = torch.zeros(synapses.plastic, dtype=torch.float64)
     bound = torch.zeros(synapses.plastic, dtype=torch.bool)  # whether the weight ever was at one
     while int(network.time) < reward.end:
-        current, sign = simulation.act_and_sense()
+        current, sign, _ = simulation.situation.begin(network)
         for ms in range(tick):
             if int(network.time) == reward.end:
                 break

@@ -29,15 +29,15 @@ from helpers import (
 )
 from torch import Tensor
 
-from snnrl.builder import build, build_task
+from snnrl.builder import build
 from snnrl.configuration.schema import ConfigError
 from snnrl.drawing.task_figures import quarters
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network
 from snnrl.model.plasticity import Plasticity
-from snnrl.simulation import TaskSimulation
-from snnrl.tasks.task import NONE, Coincidence, Reward, Stimuli
+from snnrl.simulation import Simulation
+from snnrl.tasks.task import NONE, Coincidence, Reward, Stimuli, Task
 
 EXPERIMENTS = ("distal_reward", "classical_conditioning")
 PUBLISHED = Plasticity(
@@ -61,9 +61,9 @@ def pair(weight: float = 2.0, baseline: float = 0.0, rule: Plasticity = PUBLISHE
     return make_network([make_group("pre", 1), make_group("post", 1)], [synapse], dopamine, gain=0.0)
 
 
-def task_of(experiment: str, *overrides: str) -> TaskSimulation:
+def task_of(experiment: str, *overrides: str) -> Simulation[Task]:
     stimuli = SMALL_STIMULI if experiment == "classical_conditioning" else []
-    return build_task(compose_config(f"+experiment={experiment}", "trials=3", *SMALL, *stimuli, *overrides))
+    return build(compose_config(f"+experiment={experiment}", "trials=3", *SMALL, *stimuli, *overrides))
 
 
 def traces(pre: list[int], post: list[int], steps: int) -> list[float]:
@@ -163,10 +163,10 @@ def test_engines_agree_on_every_spike_of_a_task(experiment: str) -> None:
         options += ["task.coincidence.window=500"]
     first = task_of(experiment, *options, "network.synapses.to_excitatory.weight=2")
     second = copy.deepcopy(first)
-    first.advance(make_engine("reference", "cpu"), 20)
-    second.advance(make_engine("fused", "cpu", 2), 20)
+    first.run(make_engine("reference", "cpu"), 20)
+    second.run(make_engine("fused", "cpu", 2), 20)
     assert int(first.network.spike_count.sum()) > 200
-    assert int(first.task.reward.given.sum()) > 0
+    assert int(first.situation.reward.given.sum()) > 0
     expected = first.state_dict()
     for key, value in second.state_dict().items():
         difference = (value.double() - expected[key].double()).abs()
@@ -177,16 +177,16 @@ def test_engines_agree_on_every_spike_of_a_task(experiment: str) -> None:
 def test_splits_and_saved_states_change_nothing_and_trials_are_their_own(experiment: str) -> None:
     first, second, alone = task_of(experiment), task_of(experiment), task_of(experiment, "trials=1", "trial_start=2")
     machine = make_engine("fused", "cpu", 1)
-    first.advance(machine, 25)
-    second.advance(machine, 11)
+    first.run(machine, 25)
+    second.run(machine, 11)
     third = task_of(experiment)
     third.load_state_dict(second.state_dict())
-    third.advance(machine, 14)
-    alone.advance(machine, 25)
+    third.run(machine, 14)
+    alone.run(machine, 25)
     for key, value in third.state_dict().items():
         assert torch.equal(value, first.state_dict()[key]), key
     assert torch.equal(alone.network.spike_count[0], first.network.spike_count[2])
-    assert int(alone.task.reward.given[0]) == int(first.task.reward.given[2])
+    assert int(alone.situation.reward.given[0]) == int(first.situation.reward.given[2])
     assert torch.equal(alone.network.neurons.v[0], first.network.neurons.v[2])
 
 
@@ -293,7 +293,7 @@ def test_coincidence_is_a_post_spike_soon_after_a_pre_spike() -> None:
 
 def test_the_watched_synapse_is_one_of_its_projection_in_its_trial() -> None:
     simulation = task_of("distal_reward", "task.coincidence.projection=excitatory_to_inhibitory")
-    network, coincidence = simulation.network, simulation.task.coincidence
+    network, coincidence = simulation.network, simulation.situation.coincidence
     assert coincidence is not None
     projection = network.projections["excitatory_to_inhibitory"]
     projection.weight.add_(100.0)
@@ -375,15 +375,15 @@ def test_conditioning_records_responses(tmp_path: Path) -> None:
 )
 def test_bad_tasks_are_refused_by_name(experiment: str, override: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        build_task(compose_config(f"+experiment={experiment}", "trials=1", override))
+        build(compose_config(f"+experiment={experiment}", "trials=1", override))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_robots_and_tasks_are_not_mixed_up() -> None:
-    with pytest.raises(ConfigError, match="task="):
-        build(compose_config("+experiment=distal_reward"))
-    with pytest.raises(ConfigError, match="coding="):
-        build_task(compose_config("+experiment=food_attraction"))
+    with pytest.raises(ConfigError, match="coding=.*: must be null where there is a task"):
+        build(compose_config("+experiment=food_attraction", "task=distal_reward"))
+    with pytest.raises(ConfigError, match="coding=None: must be given where there is no task"):
+        build(compose_config("+experiment=distal_reward", "~task"))
     with pytest.raises(ConfigError, match="world=None: must be given where there is no task"):
         build(compose_config("+experiment=food_attraction", "~world"))

@@ -506,7 +506,7 @@ def situations() -> Simulation:
     )
     for trial, (position, heading, free, food, empty, inside, _) in enumerate(SITUATIONS.values()):
         place(
-            simulation.world,
+            simulation.situation.world,
             position,
             heading,
             [free, food, (152.0, 255.0)],
@@ -520,9 +520,9 @@ def situations() -> Simulation:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_whole_ticks_touch_what_the_situation_says(engine: str) -> None:
     simulation = situations()
-    make_engine(engine, "cpu", 1).run(simulation, 1)
+    simulation.run(make_engine(engine, "cpu", 1), 1)
     for trial, (name, situation) in enumerate(SITUATIONS.items()):
-        assert tuple(simulation.world.touches[trial].tolist()) == situation[-1], name
+        assert tuple(simulation.situation.world.touches[trial].tolist()) == situation[-1], name
 
 
 @pytest.mark.parametrize("ticks", [1, 2])
@@ -532,7 +532,7 @@ def test_engines_agree_on_whole_ticks(ticks: int) -> None:
     rasters = []
     for engine, simulation in zip(ENGINES, both, strict=True):
         raster = torch.zeros(70 * ticks, simulation.trials, simulation.network.size, dtype=torch.bool)
-        make_engine(engine, "cpu", 1).run(simulation, ticks, raster)
+        simulation.run(make_engine(engine, "cpu", 1), ticks, raster)
         rasters.append(raster)
     assert torch.equal(*rasters)
     assert int(rasters[0].sum()) > 500
@@ -545,10 +545,10 @@ def test_engines_agree_on_whole_ticks(ticks: int) -> None:
 def test_engines_agree_on_places_where_food_lies_anew() -> None:
     """Items and containers move to the same places in both, and only where food was taken."""
     both = [situations() for _ in ENGINES]
-    before = both[0].world.items.clone()
+    before = both[0].situation.world.items.clone()
     for engine, simulation in zip(ENGINES, both, strict=True):
-        make_engine(engine, "cpu", 1).run(simulation, 1)
-    first, second = (simulation.world for simulation in both)
+        simulation.run(make_engine(engine, "cpu", 1), 1)
+    first, second = (simulation.situation.world for simulation in both)
     assert torch.allclose(first.items, second.items, rtol=0, atol=1e-9)
     assert torch.allclose(first.containers, second.containers, rtol=0, atol=1e-9)
     moved = (second.items != before).any(2).sum(1).tolist()

@@ -38,22 +38,22 @@ REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
     """A batch of robots that have learnt for `warm_up` simulated seconds."""
     simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}"))
-    make_engine("fused", "cpu").run(simulation, ticks(simulation, warm_up))
+    simulation.run(make_engine("fused", "cpu"), ticks(simulation, warm_up))
     return simulation
 
 
 def ticks(simulation: Simulation, seconds: float) -> int:
-    return max(1, round(1000 * seconds / simulation.coding.tick))
+    return max(1, round(1000 * seconds / simulation.situation.coding.tick))
 
 
 def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
     """Trial-milliseconds per second of one run from a copy of the state."""
     fresh = copy.deepcopy(simulation)
-    engine.run(fresh, 1)
+    fresh.run(engine, 1)
     count = ticks(fresh, seconds)
     started = time.perf_counter()
-    engine.run(fresh, count)
-    return fresh.trials * count * fresh.coding.tick / (time.perf_counter() - started)
+    fresh.run(engine, count)
+    return fresh.trials * count * fresh.situation.coding.tick / (time.perf_counter() - started)
 
 
 def recording(robot: str, trials: int, seconds: float, threads: int) -> float:

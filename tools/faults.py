@@ -361,7 +361,7 @@ def main() -> int:
     parser.add_argument("--folder", type=Path, help="where to work; default is a temporary folder")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
-    make_engine("fused", "cpu", 1).run(build(compose(*RUN)), 1)  # children inherit what is compiled
+    build(compose(*RUN)).run(make_engine("fused", "cpu", 1), 1)  # children inherit what is compiled
     wrong = 0
     with tempfile.TemporaryDirectory(dir=arguments.folder) as folder:
         faults = Faults(Path(folder), arguments.seed)

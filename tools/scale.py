@@ -103,7 +103,7 @@ def memory(key: str) -> float:
 
 def load_kernels(threads: int) -> None:
     """Compile them, if that is still to be done."""
-    make_engine("fused", "cpu", threads).run(build(compose("+experiment=food_attraction", "trials=1")), 1)
+    build(compose("+experiment=food_attraction", "trials=1")).run(make_engine("fused", "cpu", threads), 1)
 
 
 def measure(size: Size, threads: int) -> Cost:

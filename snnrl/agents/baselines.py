@@ -119,7 +119,7 @@ def spiking_robot(config: Config) -> tuple[World, Callable[[int], None]]:
     """The world of the spiking robot of a task, and what runs it for so many ticks."""
     simulation = build(config)
     engine = make_engine(config.engine, config.device, config.threads)
-    return simulation.world, lambda ticks: engine.run(simulation, ticks)
+    return simulation.situation.world, lambda ticks: simulation.run(engine, ticks)
 
 
 def agent_robot(config: Config, name: str, options: BaselinesConfig) -> tuple[World, Callable[[int], None]]:

@@ -1,34 +1,13 @@
-"""Engines: different ways to run the same simulation, behind one interface."""
+"""Engines: different ways to run the same networks in the same situations, behind one interface.
+
+They know the model and the body, and nothing of runs, records or configurations.
+"""
 
 from __future__ import annotations
 
-from typing import Protocol
-
-from torch import Tensor
-
 from snnrl.configuration.schema import ConfigError
+from snnrl.engines.interface import Engine, Situation
 from snnrl.engines.reference import ReferenceEngine
-from snnrl.model.network import Network
-from snnrl.simulation import Simulation
-
-
-class Engine(Protocol):
-    """What every engine can do; all results are in the modules' tensors afterwards."""
-
-    name: str
-
-    def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
-        """Closed loop: `ticks` control ticks. `raster`, bool [ticks * tick, b, N], is filled: the first b trials'."""
-
-    def run_network(
-        self,
-        network: Network,
-        injected: Tensor,
-        sign: Tensor | None = None,
-        raster: Tensor | None = None,
-        reward: Tensor | None = None,
-    ) -> None:
-        """Open loop: `Network.run`."""
 
 
 def make_engine(name: str, device: str, threads: int = 0) -> Engine:
@@ -47,4 +26,4 @@ def make_engine(name: str, device: str, threads: int = 0) -> Engine:
     return FusedEngine(threads)
 
 
-__all__ = ["Engine", "ReferenceEngine", "make_engine"]
+__all__ = ["Engine", "ReferenceEngine", "Situation", "make_engine"]

@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
+from snnrl.engines.interface import Engine, Situation
 from snnrl.model.network import Network
-from snnrl.simulation import Simulation
+
+
+def run_ticks(engine: Engine, network: Network, situation: Situation, ticks: int, raster: Tensor | None) -> None:
+    """`Engine.run` by means of the engine's `run_network`, as its order is written there."""
+    tick = situation.tick
+    fired = network.spike_count.new_zeros(
+        (tick, network.trials if situation.watches else 0, network.size), dtype=torch.bool
+    )
+    for k in range(ticks):
+        shown = fired if raster is None else raster[k * tick : (k + 1) * tick]
+        current, sign, reward = situation.begin(network)
+        engine.run_network(network, current, sign, fired if situation.watches else shown, reward)
+        if situation.watches:
+            situation.finish(network, fired)
+            shown.copy_(fired[:, : shown.shape[1]])
 
 
 class ReferenceEngine:
-    """Runs `Simulation.tick` and `Network.step` as they are written."""
+    """Runs `Network.step` as it is written."""
 
     name = "reference"
 
-    def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
-        """Closed loop; see `snnrl.engines.Engine`."""
-        tick = simulation.coding.tick
-        for k in range(ticks):
-            simulation.tick(None if raster is None else raster[k * tick : (k + 1) * tick])
+    def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
+        """Closed loop; see `snnrl.engines.interface.Engine`."""
+        run_ticks(self, network, situation, ticks, raster)
 
     def run_network(
         self,
@@ -27,5 +41,5 @@ class ReferenceEngine:
         raster: Tensor | None = None,
         reward: Tensor | None = None,
     ) -> None:
-        """Open loop; see `snnrl.engines.Engine`."""
+        """Open loop; see `snnrl.engines.interface.Engine`."""
         network.run(injected, sign, raster, reward)

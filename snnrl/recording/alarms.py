@@ -109,7 +109,7 @@ class Alarms:
         return int(self.simulation.network.time) / 1000.0
 
     def _motor_spikes(self) -> Tensor:
-        return self.simulation.network.spike_count[:, self.simulation.coding.motor_groups].cpu()
+        return self.simulation.network.spike_count[:, self.simulation.situation.coding.motor_groups].cpu()
 
     def _silent(self) -> Tensor:
         spikes = self._motor_spikes()

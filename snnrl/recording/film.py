@@ -29,7 +29,7 @@ class Film:
 
     def __init__(self, simulation: Simulation, every: int, end: int, state: Mapping[str, Any] | None = None) -> None:
         self.simulation, self.every, self.end = simulation, every, end
-        tick = simulation.coding.tick
+        tick = simulation.situation.coding.tick
         self._step = max(1, STEP // tick)
         self._length = self._step * max(1, PATH // (self._step * tick))
         self.path = torch.zeros(0, 2, dtype=torch.float64)
@@ -59,12 +59,12 @@ class Film:
         network = self.simulation.network
         if not self.every or self._left(done) > self._length:
             self.path, self.fired = self.path[:0], self.fired[:0]
-            engine.run(self.simulation, ticks)
+            self.simulation.run(engine, ticks)
             return
         raster = torch.zeros(
-            ticks * self.simulation.coding.tick, 1, network.size, dtype=torch.bool, device=network.device
+            ticks * self.simulation.situation.coding.tick, 1, network.size, dtype=torch.bool, device=network.device
         )
-        engine.run(self.simulation, ticks, raster)
-        self.fired = torch.cat([self.fired, raster[:, 0].cpu()])[-max(SPIKES, self.simulation.coding.tick) :]
+        self.simulation.run(engine, ticks, raster)
+        self.fired = torch.cat([self.fired, raster[:, 0].cpu()])[-max(SPIKES, self.simulation.situation.coding.tick) :]
         if (self._left(done) - ticks) % self._step == 0:
-            self.path = torch.cat([self.path, self.simulation.world.position[:1].cpu()])[-self._length :]
+            self.path = torch.cat([self.path, self.simulation.situation.world.position[:1].cpu()])[-self._length :]

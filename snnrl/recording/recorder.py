@@ -80,7 +80,7 @@ class Recorder:
         self.alarms = Alarms(config.alarms, simulation, [p.role for p in self.followed], part.get("alarms"))
         self.board = Board(folder) if config.tensorboard else None
         every = (config.histograms, config.pictures) if self.board else (0.0, 0.0)
-        self.histograms, pictures = (ticks_of(seconds, simulation.coding.tick) for seconds in every)
+        self.histograms, pictures = (ticks_of(seconds, simulation.situation.coding.tick) for seconds in every)
         self.film = Film(simulation, pictures, ticks, part.get("film"))
         if self.board and state is None:
             self.board.begin(self.followed, choices or {}, learnt is not None)
@@ -98,7 +98,7 @@ class Recorder:
     def _counts(self) -> dict[str, torch.Tensor]:
         """What only ever grows: ms, touches, spikes, and the sum of dopamine's level over all ms."""
         network, dopamine = self.simulation.network, self.simulation.network.dopamine
-        counts = {"ms": network.time, "touches": self.simulation.world.touches, "spikes": network.spike_count}
+        counts = {"ms": network.time, "touches": self.simulation.situation.world.touches, "spikes": network.spike_count}
         if dopamine is not None:
             counts["dopamine"] = dopamine.total
         return {key: values.cpu().clone() for key, values in counts.items()}
@@ -129,9 +129,9 @@ class Recorder:
             "firing_rate": change["spikes"] / (self._sizes * span),
             "weight": self._of_each(Projection.mean_weight),
             "eligibility": self._of_each(Projection.mean_eligibility),
-            "position": self.simulation.world.position,
-            "heading": self.simulation.world.heading,
-            "nearest_item": self.simulation.world.nearest_item(),
+            "position": self.simulation.situation.world.position,
+            "heading": self.simulation.situation.world.heading,
+            "nearest_item": self.simulation.situation.world.nearest_item(),
         }
         if network.dopamine is not None:
             sample["dopamine"] = change["dopamine"] / int(change["ms"])
@@ -155,7 +155,10 @@ class Recorder:
     def _scalars(self) -> dict[str, float]:
         """Means over trials of the latest sample, by their tags."""
         latest = {key: values[-1].mean(0).tolist() for key, values in self._samples.items() if key in SHOWN}
-        values = {FOOD: float(self.simulation.world.touches[:, 0].double().mean()), RATE: latest["collection_rate"]}
+        values = {
+            FOOD: float(self.simulation.situation.world.touches[:, 0].double().mean()),
+            RATE: latest["collection_rate"],
+        }
         if self.learnt is not None:
             values[CORRECT] = float(self.learnt().double().mean())
         if "dopamine" in latest:
@@ -171,7 +174,7 @@ class Recorder:
 
     def show(self, done: int) -> None:
         """Write the histograms and pictures that are due after so many ticks."""
-        network, world = self.simulation.network, self.simulation.world
+        network, world = self.simulation.network, self.simulation.situation.world
         seconds = int(network.time) / 1000.0
         step = round(seconds)
         if self.board is None:
@@ -216,7 +219,7 @@ class Recorder:
         write(folder / "trials.csv", self._table(trials, learnt))
         if self.board is not None:
             self.board.end()
-        food = self.simulation.world.touches[:, 0].double()
+        food = self.simulation.situation.world.touches[:, 0].double()
         results = {
             "food_mean": float(food.mean()),
             "food_sd": float(food.std()) if len(food) > 1 else None,
@@ -229,7 +232,7 @@ class Recorder:
         weights = {p.name: p.mean_weight().tolist() for p in self.followed}
         table = csv.writer(text, lineterminator="\n")
         table.writerow(["trial", *TOUCHES, "correct", *weights])
-        touches = self.simulation.world.touches.tolist()
+        touches = self.simulation.situation.world.touches.tolist()
         for k, trial in enumerate(trials.tolist()):
             row = [f"{values[k]:.6g}" for values in weights.values()]
             table.writerow([trial, *touches[k], "" if learnt is None else int(learnt[k]), *row])

@@ -15,7 +15,8 @@ from torch.utils.tensorboard import SummaryWriter
 from snnrl.drawing.task_figures import draw_conditioning, draw_reinforcement, quarters
 from snnrl.engines import Engine
 from snnrl.files import sync, write
-from snnrl.simulation import TaskSimulation
+from snnrl.simulation import Simulation
+from snnrl.tasks.task import Task
 
 BINS = 40  # of the histogram of weights
 
@@ -31,7 +32,7 @@ class TaskRecorder:
     """
 
     def __init__(
-        self, simulation: TaskSimulation, folder: Path, tensorboard: bool, state: Mapping[str, Any] | None = None
+        self, simulation: Simulation[Task], folder: Path, tensorboard: bool, state: Mapping[str, Any] | None = None
     ) -> None:
         self.simulation, self.folder = simulation, folder
         self.writer = SummaryWriter(str(folder)) if tensorboard else None
@@ -65,7 +66,7 @@ class TaskRecorder:
 
     def advance(self, engine: Engine, done: int, ticks: int) -> None:
         """Run the next ticks."""
-        self.simulation.advance(engine, ticks)
+        self.simulation.run(engine, ticks)
 
     def show(self, done: int) -> None:
         """There are no pictures while a task runs."""
@@ -95,7 +96,7 @@ class TaskRecorder:
             self._samples.setdefault(key, []).append(value.cpu().numpy().copy())
 
     def _state(self) -> dict[str, torch.Tensor]:
-        network, task = self.simulation.network, self.simulation.task
+        network, task = self.simulation.network, self.simulation.situation
         assert network.dopamine is not None
         state = {
             "time": torch.tensor(int(network.time) / 1000.0),
@@ -115,7 +116,7 @@ class TaskRecorder:
 
     def _others(self) -> list[torch.Tensor]:
         """Plastic weights of each trial but the chosen one's, B tensors."""
-        network, task = self.simulation.network, self.simulation.task
+        network, task = self.simulation.network, self.simulation.situation
         table = network.synapses
         use = torch.ones(table.plastic, dtype=torch.bool, device=network.device)
         if task.coincidence is not None and int(task.coincidence.synapse.max()) < table.plastic:
@@ -138,7 +139,7 @@ class TaskRecorder:
         [T, B, K] (sums). `groups` [G] are names, `trials` [B] numbers.
         """
         folder = self.folder
-        network, task = self.simulation.network, self.simulation.task
+        network, task = self.simulation.network, self.simulation.situation
         trials = network.draws.trials.cpu().numpy()
         edges = np.linspace(0.0, self._most(), BINS + 1)
         others = [weight.cpu().numpy() for weight in self._others()]

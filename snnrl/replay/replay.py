@@ -94,7 +94,10 @@ class Original:
         if now not in self.samples:
             return
         position, heading = self.samples[now]
-        here = simulation.world.position[0].float().cpu().numpy(), simulation.world.heading[0].float().cpu().numpy()
+        here = (
+            simulation.situation.world.position[0].float().cpu().numpy(),
+            simulation.situation.world.heading[0].float().cpu().numpy(),
+        )
         if not (np.array_equal(here[0], position) and here[1] == heading):
             was, found = (f"({x:.3f}, {y:.3f})" for x, y in (position.tolist(), here[0].tolist()))
             raise FolderError(
@@ -106,7 +109,7 @@ class Original:
     def reach(self, simulation: Simulation, engine: Engine) -> None:
         """Where no sample lay in the recording, go on to the next one and compare."""
         while not self.compared and int(simulation.network.time) < max(self.samples, default=0):
-            engine.run(simulation, 1)
+            simulation.run(engine, 1)
             self.compare(simulation)
 
 
@@ -117,10 +120,10 @@ def record(config: Config, first: int, last: int, original: Original) -> Recordi
         FolderError: the replay is not the run.
     """
     simulation = build(config)
-    network, world, tick = simulation.network, simulation.world, simulation.coding.tick
+    network, world, tick = simulation.network, simulation.situation.world, simulation.situation.coding.tick
     engine = make_engine(config.engine, config.device, 1)
     if first:
-        engine.run(simulation, first)
+        simulation.run(engine, first)
     original.compare(simulation)
     follower = build(replace(config, dtype="float64", device="cpu")).network
     follower.load_state_dict(network.state_dict())
@@ -129,9 +132,9 @@ def record(config: Config, first: int, last: int, original: Original) -> Recordi
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
     for k in range(first, last):
         sign = float(world.sign(network.time)[0])
-        motors = network.spike_count[0, simulation.coding.motor_groups].clone()
-        engine.run(simulation, 1, raster)
-        left, right = (network.spike_count[0, simulation.coding.motor_groups] - motors).tolist()
+        motors = network.spike_count[0, simulation.situation.coding.motor_groups].clone()
+        simulation.run(engine, 1, raster)
+        left, right = (network.spike_count[0, simulation.situation.coding.motor_groups] - motors).tolist()
         scenes.append({key: values.cpu().clone() for key, values in world.state_dict().items()})
         touches.append(world.touches[0].cpu().clone())
         poison.append(sign < 0)

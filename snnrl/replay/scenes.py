@@ -56,7 +56,7 @@ def _film(frames: list[Image.Image], rate: float, path: Path) -> None:
 
 def _frames(recording: Recording, ticks: range) -> Iterator[Image.Image]:
     """One picture (RGB) for each of those ticks; the robot glows with dopamine."""
-    world, tick, start = recording.simulation.world, recording.tick, recording.start
+    world, tick, start = recording.simulation.situation.world, recording.tick, recording.start
     has_dopamine = len(recording.levels) > 0
     with mpl.rc_context({**STYLE, "figure.constrained_layout.use": False}):
         drawn = Figure(figsize=(4.8, 5.6 if has_dopamine else 4.8), dpi=100)

@@ -22,7 +22,7 @@ import torch
 
 from snnrl.configuration.schema import Config
 from snnrl.files import FolderError, write
-from snnrl.simulation import Simulation, TaskSimulation
+from snnrl.simulation import Simulation
 
 FILE, PREVIOUS = "checkpoint.pt", "checkpoint.previous.pt"
 FORMAT = 1
@@ -85,7 +85,7 @@ def save(folder: Path, checkpoint: Checkpoint) -> None:
     write(folder / FILE, head.encode() + content, keep=folder / PREVIOUS)
 
 
-def load(folder: Path, config: Config, simulation: Simulation | TaskSimulation) -> Checkpoint | None:
+def load(folder: Path, config: Config, simulation: Simulation[Any]) -> Checkpoint | None:
     """Bring a fresh simulation to the state of the folder's checkpoint; None if it has none.
 
     Where the newest is damaged, the one before takes its place, and a line on stderr says so.
@@ -116,7 +116,7 @@ def remove(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def _restore(path: Path, config: Config, simulation: Simulation | TaskSimulation) -> Checkpoint:
+def _restore(path: Path, config: Config, simulation: Simulation[Any]) -> Checkpoint:
     head, _, content = path.read_bytes().partition(b"\n")
     match = re.fullmatch(rb"snnrl checkpoint (\d+) ([0-9a-f]{64})", head)
     if not match:

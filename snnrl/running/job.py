@@ -24,7 +24,7 @@ from typing import Any
 
 import torch
 
-from snnrl.builder import build, build_task
+from snnrl.builder import build
 from snnrl.configuration.compose import dump, load
 from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
@@ -35,7 +35,8 @@ from snnrl.recording.recorder import Recorder, keep_events, ticks_of
 from snnrl.recording.task_recorder import TaskRecorder
 from snnrl.running import checkpoint
 from snnrl.running.checkpoint import Checkpoint, difference, settings
-from snnrl.simulation import Simulation, TaskSimulation
+from snnrl.simulation import Simulation
+from snnrl.tasks.task import Task
 
 SLICE = 0.5  # s of wall time between two looks for a signal
 
@@ -126,7 +127,7 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
         Interrupted: SIGINT or SIGTERM came; the state is saved.
         OSError: something could not be written; what was saved before is as it was.
     """
-    simulation = build(config) if config.task is None else build_task(config)
+    simulation = build(config)
     threads = config.threads or threads
     engine = make_engine(config.engine, config.device, threads)
     if engine.name == "fused":
@@ -203,7 +204,7 @@ def finite(value: torch.Tensor) -> float | None:
 
 def simulate(
     config: Config,
-    simulation: Simulation | TaskSimulation,
+    simulation: Simulation[Any],
     engine: Engine,
     folder: Path,
     saved: Checkpoint | None,
@@ -213,7 +214,7 @@ def simulate(
 
     Yields the simulated s that are done, after each part.
     """
-    tick = simulation.tick_length
+    tick = simulation.tick
     ticks, sampled, saves = (
         ticks_of(seconds, tick) for seconds in (config.seconds, config.record.every, config.checkpoint.every)
     )
@@ -221,7 +222,7 @@ def simulate(
     rules = config.experiment.correct
     begun = saved.recorder if saved else None
     recorder: Recorder | TaskRecorder
-    if isinstance(simulation, TaskSimulation):
+    if isinstance(simulation.situation, Task):
         recorder = TaskRecorder(simulation, folder, config.record.tensorboard, begun)
     else:
         learnt = partial(correct, simulation.network, rules) if rules else None

@@ -194,15 +194,17 @@ class Task(nn.Module):
         self.stimuli, self.coincidence = stimuli, coincidence
         self._begins = torch.empty(0)
 
-    def begin(self, network: Network) -> tuple[Tensor, Tensor]:
-        """Current [tick, B, N] and dopamine (uM) [tick, B] of the coming tick, both of the network's dtype."""
+    watches = True
+
+    def begin(self, network: Network) -> tuple[Tensor, None, Tensor]:
+        """Current [tick, B, N], no sign, and dopamine (uM) [tick, B] of the coming tick, of the network's dtype."""
         times = network.time + torch.arange(self.tick, device=network.device)
         current = network.pending.new_zeros(self.tick, network.trials, network.size)
         if self.stimuli is not None:
             self._begins = self.stimuli.schedule(network.draws, times)
             self.stimuli.add_pulses(self._begins, current)
             self.reward.promise(self._begins == self.stimuli.rewarded, network.draws, times)
-        return current, self.reward.take(times).to(network.dtype)
+        return current, None, self.reward.take(times).to(network.dtype)
 
     def finish(self, network: Network, fired: Tensor) -> None:
         """Look at who fired in the tick that has just been run, bool [tick, B, N]."""

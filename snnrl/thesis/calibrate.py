@@ -107,18 +107,18 @@ def simulate(
 ) -> tuple[Simulation, Config]:
     """One cell's run, ended."""
     simulation, config, engine = prepare(experiment, robot, values, trials, seed)
-    engine.run(simulation, round(1000 * config.seconds / simulation.coding.tick))
+    simulation.run(engine, round(1000 * config.seconds / simulation.situation.coding.tick))
     return simulation, config
 
 
 def outcome(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> Outcome:
     """What one cell's run came to."""
     simulation, config, engine = prepare(experiment, robot, values, trials, seed)
-    ticks, last = (round(1000 * s / simulation.coding.tick) for s in (config.seconds, tail(config.seconds)))
-    engine.run(simulation, ticks - last)
-    before = simulation.world.touches[:, 0].clone()
-    engine.run(simulation, last)
-    food = simulation.world.touches[:, 0]
+    ticks, last = (round(1000 * s / simulation.situation.coding.tick) for s in (config.seconds, tail(config.seconds)))
+    simulation.run(engine, ticks - last)
+    before = simulation.situation.world.touches[:, 0].clone()
+    simulation.run(engine, last)
+    food = simulation.situation.world.touches[:, 0]
     told_apart = published()["contrast"].get(experiment, {}).get(robot)
     return Outcome(
         food.double().numpy(),
@@ -135,8 +135,8 @@ def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
     coding, world = config.body()
     limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
     for k in range(round(1000 * config.seconds / coding.tick)):
-        engine.run(simulation, 1)
-        left = (simulation.world.nearest_item() > limit) | (simulation.world.touches[:, 0] > 0)
+        simulation.run(engine, 1)
+        left = (simulation.situation.world.nearest_item() > limit) | (simulation.situation.world.touches[:, 0] > 0)
         times = torch.where(left & times.isnan(), (k + 1) * coding.tick / 1000, times)
     return times
 
@@ -145,13 +145,13 @@ def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: 
     """Firing of the dopaminergic neurons where there is no food to touch, without the start (Hz), [B]."""
     empty = {"world.free_items": 0, **values}
     simulation, _, engine = prepare("food_attraction", "random_walk", empty, trials, seed)
-    network, tick = simulation.network, simulation.tick_length
+    network, tick = simulation.network, simulation.tick
     assert network.dopamine is not None
     source = network.dopamine.sources["count"]
     place = list(network.groups).index(source)
-    engine.run(simulation, round(2000 / tick))
+    simulation.run(engine, round(2000 / tick))
     before, start = network.spike_count[:, place].clone(), int(network.time)
-    engine.run(simulation, round(1000 * seconds / tick))
+    simulation.run(engine, round(1000 * seconds / tick))
     elapsed = (int(network.time) - start) / 1000
     return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
 

@@ -440,7 +440,7 @@ def environments(_: Runs) -> Figure:
         "secondary_stimulus": "and empty ones",
     }
     for axis, (experiment, title) in zip(axes, titles.items(), strict=True):
-        draw_world(axis, build(compose(f"+experiment={experiment}", "trials=1")).world)
+        draw_world(axis, build(compose(f"+experiment={experiment}", "trials=1")).situation.world)
         axis.set(title=title)
     axes[0].set(ylabel="y (cm)")
     return drawn

@@ -63,7 +63,7 @@ def _one_synapse(network: NetworkConfig) -> NetworkConfig:
 def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
     """Value of the left food sensor, raised from 0 to 1, by ms [T], and its neurons' spikes [T, n]."""
     simulation = build(config)
-    network, coding = simulation.network, simulation.coding
+    network, coding = simulation.network, simulation.situation.coding
     ticks = round(1000 * seconds / coding.tick)
     group = coding.ranges["food"][0]
     untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.touches}
@@ -113,20 +113,20 @@ def coincidence(
         return None
     time, pre, post = found
     simulation = build(config)
-    network, tick = simulation.network, simulation.coding.tick
+    network, tick = simulation.network, simulation.situation.coding.tick
     assert network.dopamine is not None
     projection = network.projections[f"{config.body()[0].touches[touch]}_to_{network.dopamine.sources['count']}"]
     [synapse] = ((projection.pre_index == pre) & (projection.post_index == post)).nonzero()[0].tolist()
     ends = network.groups[projection.pre].start + pre, network.groups[projection.post].start + post
     first = max(0, time // tick - before // tick)
     if first:
-        engine.run(simulation, first)
+        simulation.run(engine, first)
     columns: dict[str, list[float]] = {key: [] for key in ("pre", "post", "eligibility", "weight", "dopamine")}
     food = []
     for k in range((before + after) // tick):
-        taken = int(simulation.world.touches[0, 0])
-        current, sign = simulation.act_and_sense()
-        if int(simulation.world.touches[0, 0]) > taken:
+        taken = int(simulation.situation.world.touches[0, 0])
+        current, sign, _ = simulation.situation.begin(network)
+        if int(simulation.situation.world.touches[0, 0]) > taken:
             food.append(k * tick)
         raster = torch.zeros(1, 1, network.size, dtype=torch.bool)
         for ms in range(tick):
@@ -144,7 +144,7 @@ def _find(
     simulation: Simulation, engine: Engine, config: Config, touch: str, rewarded: bool, after: int
 ) -> tuple[int, int, int] | None:
     """Time (ms) of the touch spike, and the two neurons' numbers within their groups."""
-    network, tick = simulation.network, simulation.coding.tick
+    network, tick = simulation.network, simulation.situation.coding.tick
     assert network.dopamine is not None
     group = config.body()[0].touches[touch]
     projection = network.projections[f"{group}_to_{network.dopamine.sources['count']}"]
@@ -153,11 +153,11 @@ def _find(
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
     candidate: tuple[int, int, int] | None = None
     for _ in range(round(1000 * config.seconds / tick)):
-        start, food = int(network.time), int(simulation.world.touches[0, 0])
-        engine.run(simulation, 1, raster)
+        start, food = int(network.time), int(simulation.situation.world.touches[0, 0])
+        simulation.run(engine, 1, raster)
         if candidate and start - candidate[0] > after:
             candidate = None
-        if candidate and int(simulation.world.touches[0, 0]) > food:
+        if candidate and int(simulation.situation.world.touches[0, 0]) > food:
             return candidate
         touched = raster[:, 0, network.groups[group].span]
         if candidate or not touched.any():

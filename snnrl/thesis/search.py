@@ -42,7 +42,7 @@ def search(study: optuna.Study, points: int, trials: int, options: Mapping[str, 
             for name in NAMES
         } | dict(options or {})
         simulation, _ = simulate("stdp_search", "learning", values, trials, FIRST_SEED + trial.number)
-        food = simulation.world.touches[:, 0].double()
+        food = simulation.situation.world.touches[:, 0].double()
         trial.set_user_attr("food", food.tolist())
         return float(food.mean())
 

@@ -22,7 +22,7 @@ def food_only(trials: int, steps: int, *options: str) -> tuple[Network, Tensor]:
     network, engine = simulation.network, make_engine("fused", "cpu", 1)
     start, currents = copy.deepcopy(network), []
     while int(network.time) < steps:
-        current, sign = simulation.act_and_sense()
+        current, sign, _ = simulation.situation.begin(network)
         engine.run_network(network, current, sign)
         currents.append(current)
     return start, torch.cat(currents)[:steps]

@@ -85,7 +85,7 @@ def encode(t, w, world, coding, trial, time, touched, table):
     return motor
 
 
-def run_ticks(t, s, w, world, coding, table, touched, low, high, time, ticks, raster, reward):
+def run_robot(t, s, w, world, coding, table, touched, low, high, time, ticks, raster, reward):
     """Closed loop: `ticks` control ticks of trials low to high; `reward` is without rows."""
     for trial in range(low, high):
         load_trial(t, s, w, trial)

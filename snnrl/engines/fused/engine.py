@@ -18,9 +18,10 @@ import torch
 from torch import Tensor, nn
 
 from snnrl.body.coding import Coding
+from snnrl.body.robot import Robot
 from snnrl.body.world import TOUCHES, RangeSensor, World
 from snnrl.configuration.schema import ConfigError
-from snnrl.engines.fused.coding import CodingArrays, run_ticks
+from snnrl.engines.fused.coding import CodingArrays, run_robot
 from snnrl.engines.fused.compiler import Program
 from snnrl.engines.fused.modulators import releasing
 from snnrl.engines.fused.network import run_network
@@ -29,18 +30,19 @@ from snnrl.engines.fused.plasticity import bounding
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.work import State, Work, work_for
 from snnrl.engines.fused.world import WorldArrays
+from snnrl.engines.interface import Situation
 from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, tables, topology
+from snnrl.engines.reference import run_ticks
 from snnrl.model.draws import poisson_table_size, stream
 from snnrl.model.modulators import Modulator
 from snnrl.model.network import Network, SynapseTable
 from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Projection
-from snnrl.simulation import Simulation
 
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting
 COMPILED = (
-    *(Simulation, Network, NeuronGroup, Projection, Modulator),
-    *(Coding, World, RangeSensor, nn.ModuleDict),
+    *(Network, NeuronGroup, Projection, Modulator),
+    *(Robot, Coding, World, RangeSensor, nn.ModuleDict),
 )
 
 
@@ -70,12 +72,15 @@ class FusedEngine:
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
         self._bound: WeakKeyDictionary[Network, _Bound] = WeakKeyDictionary()
 
-    def run(self, simulation: Simulation, ticks: int, raster: Tensor | None = None) -> None:
-        """Closed loop; see `snnrl.engines.Engine`."""
-        network = simulation.network
-        parts = (*simulation.coding.modules(), *simulation.world.modules(), *simulation.world.ranges.values())
-        _check_compiled(simulation, *parts)
-        world, coding = _world(simulation.world), _coding(simulation.coding, network, simulation.world)
+    def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
+        """Closed loop; see `snnrl.engines.interface.Engine`. A robot is compiled whole; of another situation, only
+        the network is.
+        """
+        if not isinstance(situation, Robot):
+            run_ticks(self, network, situation, ticks, raster)
+            return
+        _check_compiled(*situation.modules(), *situation.world.ranges.values())
+        world, coding = _world(situation.world), _coding(situation.coding, network, situation.world)
         bound, state = self._bind(network)
         kernel = kernels(bound.functions, _real(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
@@ -99,7 +104,7 @@ class FusedEngine:
         raster: Tensor | None = None,
         reward: Tensor | None = None,
     ) -> None:
-        """Open loop; see `snnrl.engines.Engine`."""
+        """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
         bound, state = self._bind(network)
         kernel = kernels(bound.functions, _real(network))[0]
@@ -169,9 +174,9 @@ MODULATOR = ("level", "total", "pending", "rate")  # in the order of `State`
 
 @cache
 def kernels(functions: Functions, real: Any) -> tuple[Any, Any]:
-    """`run_network` and `run_ticks`, compiled for networks of these functions."""
+    """`run_network` and `run_robot`, compiled for networks of these functions."""
     program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions)})
-    return program.kernel(run_network), program.kernel(run_ticks)
+    return program.kernel(run_network), program.kernel(run_robot)
 
 
 def _note(functions: Functions) -> None:
