@@ -381,7 +381,7 @@ def test_bad_tasks_are_refused_by_name(experiment: str, override: str, message: 
 
 
 def test_robots_and_tasks_are_not_mixed_up() -> None:
-    with pytest.raises(ConfigError, match="coding=.*: must be null where there is a task"):
+    with pytest.raises(ConfigError, match=r"coding=.*: must be null where there is a task"):
         build(compose_config("+experiment=food_attraction", "task=distal_reward"))
     with pytest.raises(ConfigError, match="coding=None: must be given where there is no task"):
         build(compose_config("+experiment=distal_reward", "~task"))

@@ -37,7 +37,7 @@ def _module(key: str, name: str, place: str) -> ModuleType:
         if not place.endswith(".py"):
             return importlib.import_module(place)
         path = Path(place).resolve()
-        unique = f"snnrl_user_{path.stem}_{abs(hash(path))}"
+        unique = f"snnrl_user {path}"
         if unique not in sys.modules:
             spec = importlib.util.spec_from_file_location(unique, path)
             assert spec is not None

@@ -175,7 +175,7 @@ class Program:
             constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in code.co_consts)
             found = {name: self._as_seen(name, function, real) for name in _names(code)}
             scope = {name: value for name, value in found.items() if value is not _UNKNOWN}
-            scope["__name__"] = function.__module__
+            scope["__name__"] = __name__  # a module that is there when the compiled code is read from the disk
             same = FunctionType(code.replace(co_consts=constants), scope, function.__name__, None, function.__closure__)
             self._known[function, real] = njit(**{"error_model": "numpy", "_nrt": False, **options})(same)
         return self._known[function, real]
