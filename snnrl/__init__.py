@@ -4,8 +4,8 @@ from importlib.metadata import version
 
 from snnrl.body.robot import Robot
 from snnrl.body.world import World
-from snnrl.builder import build, build_network
 from snnrl.configuration import schema
+from snnrl.configuration.builder import build, build_network
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network

@@ -18,7 +18,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf
 
 from snnrl.configuration.compose import load, plain
-from snnrl.configuration.schema import ConfigError
+from snnrl.errors import ConfigError
 from snnrl.files import FolderError
 from snnrl.running.command import JobFailed, Passed, discard, explain, hydra_job, launch
 from snnrl.running.job import Interrupted, perform

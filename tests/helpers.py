@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from snnrl.body.world import RangeSensor, World
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose as compose_config
 from snnrl.engines import make_engine
 from snnrl.engines.fused.compiler import Program

@@ -6,7 +6,7 @@ import pytest
 import torch
 from helpers import compose_config
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.simulation import Simulation
 
 TRIALS = 200

@@ -14,7 +14,7 @@ import torch
 import yaml
 from helpers import compose_config
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.thesis import calibrate, fit
 from snnrl.thesis.calibrate import FREE, contrast, neighbours, outcome, present, simulate
 from snnrl.thesis.loss import UNIT, Outcome

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from helpers import compose_config
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import conf_dir
 from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine

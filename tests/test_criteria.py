@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from helpers import compose_config
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.model.network import Network
 from snnrl.recording.criteria import correct, taxis_learnt
 

@@ -12,7 +12,7 @@ from scipy import stats
 from torch import Tensor
 
 from snnrl.body.world import World
-from snnrl.builder import build, build_network
+from snnrl.configuration.builder import build, build_network
 from snnrl.configuration.schema import (
     ConfigError,
     GroupConfig,

@@ -23,7 +23,7 @@ from helpers import (
 )
 from torch import Tensor
 
-from snnrl.builder import build_network
+from snnrl.configuration.builder import build_network
 from snnrl.configuration.schema import (
     ConfigError,
     GroupConfig,

@@ -24,8 +24,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 import snnrl
-from snnrl.builder import build
 from snnrl.configuration import footprint
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import conf_dir, plain
 from snnrl.configuration.schema import Config, ConfigError
 from snnrl.engines import make_engine

@@ -7,7 +7,7 @@ import pytest
 import torch
 from helpers import compose_config, hand_made, with_weights
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.thesis import dampening
 from snnrl.thesis.dampening import Dampened, dampened
 from snnrl.thesis.figures import failure

@@ -7,7 +7,7 @@ import torch
 from helpers import compose_config
 
 from snnrl.body.world.geometry import offset, orbit
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
 

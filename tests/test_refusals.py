@@ -11,7 +11,7 @@ from helpers import compose_config
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import conf_dir, dump, load, plain
 from snnrl.configuration.refusals import misfit
 from snnrl.configuration.schema import Config, ConfigError, GroupConfig, ProjectionConfig, check_bounds

@@ -26,7 +26,7 @@ from helpers import (
 )
 from PIL import Image
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import load
 from snnrl.configuration.schema import Config
 from snnrl.engines import make_engine

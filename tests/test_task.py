@@ -29,7 +29,7 @@ from helpers import (
 )
 from torch import Tensor
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.schema import ConfigError
 from snnrl.drawing.task_figures import quarters
 from snnrl.engines import make_engine

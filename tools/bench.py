@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 import torch
 
 import snnrl.drawing.pictures  # noqa: F401  # so that no run has to wait for matplotlib
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json

@@ -29,7 +29,7 @@ from pathlib import Path
 import torch
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import make_engine
 from snnrl.run import main as command

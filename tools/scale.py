@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.drawing.style import ATTRACTION, PUBLISHED, figure
 from snnrl.engines import make_engine

@@ -29,10 +29,11 @@ from torch import Tensor
 from snnrl.agents.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
 from snnrl.agents.foraging import Foraging
 from snnrl.body.world import World
-from snnrl.builder import build, check, torch_device
+from snnrl.configuration.builder import build, check, torch_device
 from snnrl.configuration.compose import plain
-from snnrl.configuration.schema import BaselinesConfig, Config, ConfigError, check_bounds
+from snnrl.configuration.schema import BaselinesConfig, Config, check_bounds
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 from snnrl.files import write
 from snnrl.model.draws import Draws
 from snnrl.running.command import Passed, discard

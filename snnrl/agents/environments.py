@@ -34,9 +34,9 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from snnrl.agents.foraging import RIGHT, Foraging
-from snnrl.builder import check, torch_device
+from snnrl.configuration.builder import check, torch_device
 from snnrl.configuration.compose import compose
-from snnrl.configuration.schema import ConfigError
+from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
 
 SEEDS = 2**63  # as many as `seed` of a run can have

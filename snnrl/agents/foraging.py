@@ -7,8 +7,9 @@ from torch import Tensor
 
 from snnrl.body.coding import wheel_speeds
 from snnrl.body.world import TOUCHES
-from snnrl.builder import build_world
-from snnrl.configuration.schema import Config, ConfigError
+from snnrl.configuration.builder import build_world
+from snnrl.configuration.schema import Config
+from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
 
 LEFT, STRAIGHT, RIGHT = range(3)  # the wheel choices

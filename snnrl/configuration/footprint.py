@@ -6,7 +6,8 @@ import math
 import os
 from collections.abc import Mapping
 
-from snnrl.configuration.schema import Config, ConfigError, NetworkConfig, ProjectionConfig
+from snnrl.configuration.schema import Config, NetworkConfig, ProjectionConfig
+from snnrl.errors import ConfigError
 
 # Bytes, measured as the growth of the process and rounded up; tests/test_fuzzer.py holds them against it.
 PAIR = 200  # of a projection's neurons, while the projection is drawn

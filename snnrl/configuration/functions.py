@@ -10,7 +10,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from snnrl.configuration.schema import ConfigError
+from snnrl.errors import ConfigError
 
 
 def function(key: str, name: Any, own: Mapping[str, Any]) -> Any:

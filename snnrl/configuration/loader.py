@@ -19,7 +19,8 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from snnrl.configuration.refusals import OVERRIDE, Refusal, misfit, nested, reason, unreadable, without_none
-from snnrl.configuration.schema import BaselinesConfig, Config, ConfigError
+from snnrl.configuration.schema import BaselinesConfig, Config
+from snnrl.errors import ConfigError
 
 SCHEMAS = {"config": Config, "baselines": BaselinesConfig}
 # what the names that make objects may begin with

@@ -14,7 +14,8 @@ from omegaconf import MISSING, BooleanNode, FloatNode, IntegerNode, StringNode
 from omegaconf.errors import OmegaConfBaseException, ValidationError
 from yaml import MarkedYAMLError
 
-from snnrl.configuration.schema import Config, ConfigError
+from snnrl.configuration.schema import Config
+from snnrl.errors import ConfigError
 
 SCALARS: dict[Any, tuple[Any, str]] = {
     bool: (BooleanNode, "true or false"),

@@ -1,6 +1,6 @@
 """What a configuration may hold: keys, types and bounds. Values live in conf/.
 
-The dataclasses serve Hydra as its schema and library users as descriptions for `snnrl.builder`.
+The dataclasses serve Hydra as its schema and library users as descriptions for `snnrl.configuration.builder`.
 """
 
 from __future__ import annotations
@@ -12,12 +12,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from omegaconf import MISSING
 
-
-class ConfigError(ValueError):
-    """One value of a configuration is wrong; the message names key, value and what is allowed."""
-
-    def __init__(self, key: str, value: object, allowed: str) -> None:
-        super().__init__(f"{key}={value}: {allowed}")
+from snnrl.errors import ConfigError
 
 
 def number(

@@ -5,9 +5,9 @@ They know the model and the body, and nothing of runs, records or configurations
 
 from __future__ import annotations
 
-from snnrl.configuration.schema import ConfigError
 from snnrl.engines.interface import Engine, Situation
 from snnrl.engines.reference import ReferenceEngine
+from snnrl.errors import ConfigError
 
 
 def make_engine(name: str, device: str, threads: int = 0) -> Engine:

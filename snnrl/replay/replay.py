@@ -24,10 +24,11 @@ import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import load
-from snnrl.configuration.schema import Config, ConfigError
+from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
+from snnrl.errors import ConfigError
 from snnrl.files import FolderError, write
 from snnrl.replay.credit import Credit, Ledger, cause_of
 from snnrl.replay.scenes import animate, draw_credit, draw_raster

@@ -22,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 from snnrl.configuration.compose import conf_dir
 from snnrl.configuration.loader import guarded
 from snnrl.configuration.refusals import Refusal, reason
-from snnrl.configuration.schema import ConfigError
+from snnrl.errors import ConfigError
 from snnrl.files import FolderError
 from snnrl.running.job import Interrupted
 

@@ -24,7 +24,7 @@ from typing import Any
 
 import torch
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import dump, load
 from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine

@@ -25,7 +25,7 @@ import numpy as np
 from scipy import stats
 
 from snnrl.configuration.compose import load
-from snnrl.configuration.schema import ConfigError
+from snnrl.errors import ConfigError
 from snnrl.files import FolderError, write
 from snnrl.running.checkpoint import difference, settings
 from snnrl.running.job import read_summary

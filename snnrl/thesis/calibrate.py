@@ -20,7 +20,7 @@ import optuna
 import torch
 from torch import Tensor
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config
 from snnrl.drawing import style

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from snnrl.builder import DTYPES, build, build_network
+from snnrl.configuration.builder import DTYPES, build, build_network
 from snnrl.configuration.schema import Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
 from snnrl.engines import Engine
 from snnrl.model.draws import Draws

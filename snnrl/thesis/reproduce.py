@@ -25,7 +25,8 @@ from pathlib import Path
 from typing import Any
 
 from snnrl.configuration.compose import compose
-from snnrl.configuration.schema import Config, ConfigError
+from snnrl.configuration.schema import Config
+from snnrl.errors import ConfigError
 from snnrl.running.job import perform, read_summary
 from snnrl.thesis import dampening
 from snnrl.thesis.claims import FIVE_ROBOTS

@@ -12,7 +12,7 @@ import torch
 from helpers import ENGINES, forced, make_dopamine, make_group, make_network, make_projection
 from torch import Tensor
 
-from snnrl.builder import build_network
+from snnrl.configuration.builder import build_network
 from snnrl.configuration.schema import (
     GroupConfig,
     HomeostasisConfig,

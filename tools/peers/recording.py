@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from snnrl.builder import build
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import make_engine
 from snnrl.model.network import Network

@@ -20,7 +20,6 @@ from torch import Tensor, nn
 from snnrl.body.coding import Coding
 from snnrl.body.robot import Robot
 from snnrl.body.world import TOUCHES, RangeSensor, World
-from snnrl.configuration.schema import ConfigError
 from snnrl.engines.fused.coding import CodingArrays, run_robot
 from snnrl.engines.fused.compiler import Program
 from snnrl.engines.fused.modulators import releasing
@@ -33,6 +32,7 @@ from snnrl.engines.fused.world import WorldArrays
 from snnrl.engines.interface import Situation
 from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, tables, topology
 from snnrl.engines.reference import run_ticks
+from snnrl.errors import ConfigError
 from snnrl.model.draws import poisson_table_size, stream
 from snnrl.model.modulators import Modulator
 from snnrl.model.network import Network, SynapseTable

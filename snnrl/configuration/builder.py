@@ -16,7 +16,6 @@ from snnrl.configuration.functions import function
 from snnrl.configuration.schema import (
     CodingConfig,
     Config,
-    ConfigError,
     GroupConfig,
     HomeostasisConfig,
     ModulatorConfig,
@@ -31,6 +30,7 @@ from snnrl.configuration.schema import (
     WorldConfig,
     check_bounds,
 )
+from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws, stream
 from snnrl.model.homeostasis import Homeostasis
 from snnrl.model.modulators import Modulator, burst
