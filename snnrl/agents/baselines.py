@@ -29,7 +29,8 @@ from torch import Tensor
 from snnrl.agents.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
 from snnrl.agents.foraging import Foraging
 from snnrl.body.world import World
-from snnrl.configuration.builder import build, check, torch_device
+from snnrl.configuration.builder import build
+from snnrl.configuration.checks import check, torch_device
 from snnrl.configuration.compose import plain
 from snnrl.configuration.schema import BaselinesConfig, Config, check_bounds
 from snnrl.engines import make_engine

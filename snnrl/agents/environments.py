@@ -34,7 +34,7 @@ from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from snnrl.agents.foraging import RIGHT, Foraging
-from snnrl.configuration.builder import check, torch_device
+from snnrl.configuration.checks import check, torch_device
 from snnrl.configuration.compose import compose
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Mapping
 
+from snnrl.configuration.parts import modulator_key, modulators
 from snnrl.configuration.schema import Config, NetworkConfig, ProjectionConfig
 from snnrl.errors import ConfigError
 
@@ -64,10 +65,9 @@ def of_network(config: NetworkConfig, trials: int) -> dict[str, float]:
     slots = max((config.synapses[item.synapse].delay for item in config.projections.values()), default=1)
     for name, group in groups.items():
         parts[f"network.groups.{name}.size"] = float(trials) * group.size * (NEURON + slots * VALUE)
-    modulators = {f"modulators.{name}": modulator for name, modulator in config.modulators.items()}
-    for name, modulator in (modulators | ({} if config.dopamine is None else {"dopamine": config.dopamine})).items():
+    for name, modulator in modulators(config).items():
         sources = 1 if modulator.source is not None else len(modulator.sources)
-        parts[f"network.{name}.delay"] = float(trials) * sources * modulator.delay * VALUE
+        parts[f"{modulator_key(name)}.delay"] = float(trials) * sources * modulator.delay * VALUE
     for key in ("tau_plus", "tau_minus"):
         parts[f"network.plasticity.{key}"] = WINDOW * getattr(config.plasticity, key)
     return parts
