@@ -1,15 +1,20 @@
-"""Files that are there whole or not at all, and folders that one process owns at a time."""
+"""Files that are there whole or not at all, what they hold, and folders that one process owns at a time."""
 
 from __future__ import annotations
 
+import csv
 import fcntl
+import io
 import json
+import math
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 
 class FolderError(ValueError):
@@ -52,6 +57,27 @@ def sync(path: Path) -> None:
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """A dictionary as readable JSON; refuses NaN and infinities."""
     write(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
+
+
+def finite(value: float) -> float | None:
+    """A number, or None for one that JSON cannot hold."""
+    return float(value) if math.isfinite(value) else None
+
+
+def csv_of(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table with a head as CSV; None is an empty cell."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(columns)
+    table.writerows(rows)
+    return text.getvalue()
+
+
+def npz_of(arrays: Mapping[str, Any]) -> bytes:
+    """Arrays by name, compressed as NumPy's .npz."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
 
 
 @contextmanager

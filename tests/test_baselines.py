@@ -18,7 +18,7 @@ from hydra import initialize_config_dir
 from torch import Tensor
 
 from snnrl.agents.agents import Braitenberg, QLearning, RandomWalk, SarsaLambda, epsilon_greedy, states_of
-from snnrl.agents.baselines import Result, agent_robot, collect, csv_of, markdown_of, marks_of, tasks_of
+from snnrl.agents.baselines import Result, agent_robot, collect, markdown_of, marks_of, table_of, tasks_of
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
 from snnrl.configuration.compose import conf_dir
 from snnrl.configuration.schema import (
@@ -238,7 +238,7 @@ def test_a_row_of_the_table_by_hand() -> None:
     assert row["reward_high"] == pytest.approx(3.0 + 12.706205 * 2.0)  # Student's t with one degree of freedom
     assert row["late_rate"] == pytest.approx(1.0)
     assert "| t | spiking | 2 x 5 | 4.0 (2.8) | 1.0 (0.0) | 3.0 [-22.4, 28.4] | 1.000 |" in markdown_of([result])
-    assert csv_of([result]).splitlines()[1].startswith("t,spiking,2,5,4,2.82843,1,0,3,-22.4124,28.4124,1")
+    assert table_of([result]).splitlines()[1].startswith("t,spiking,2,5,4,2.82843,1,0,3,-22.4124,28.4124,1")
 
 
 def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:

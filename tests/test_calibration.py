@@ -16,7 +16,8 @@ from helpers import compose_config
 
 from snnrl.configuration.builder import build
 from snnrl.thesis import calibrate, fit
-from snnrl.thesis.calibrate import FREE, contrast, neighbours, outcome, present, simulate
+from snnrl.thesis.calibrate import FREE, mean_weights, neighbours, outcome, present, simulate
+from snnrl.thesis.compare import contrast
 from snnrl.thesis.loss import UNIT, Outcome
 from snnrl.thesis.published import PUBLISHED
 from snnrl.thesis.search import search
@@ -77,8 +78,8 @@ def test_contrast_of_the_two_container_touches() -> None:
         for trial, weight in enumerate(weights):
             mine = projection.trial == trial
             projection.weight[mine] = weight * 800 / int(mine.sum())
-    assert contrast(run, 4.0).tolist() == [True, False]
-    assert contrast(run, 1.0).tolist() == [True, True]
+    assert contrast(mean_weights(run.network), 4.0).tolist() == [True, False]
+    assert contrast(mean_weights(run.network), 1.0).tolist() == [True, True]
 
 
 def test_neighbours_change_one_value_each() -> None:

@@ -15,7 +15,7 @@ from snnrl.thesis.fit import best_region, describe, grid_points, point_name, poi
 from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.thesis.report import food_after_escape
 from snnrl.thesis.runs import Run
-from snnrl.thesis.statistics import Share
+from snnrl.thesis.verdicts import Share
 
 
 def orbiting(distance: list[list[float]], food: list[list[float]]) -> Run:
@@ -114,7 +114,7 @@ def test_published_cells_are_compared_with_the_run_of_that_name() -> None:
 def test_contrast_is_a_ratio_by_trial() -> None:
     names = ("food_container_touch_to_dopaminergic", "empty_container_touch_to_dopaminergic")
     run = hand_made(trials=dict(zip(names, (np.array([0.4, 0.4, 0.0]), np.array([0.09, 0.11, 0.0])), strict=True)))
-    assert contrast(run, 4.0).tolist() == [True, False, False]
+    assert contrast(run.trials, 4.0).tolist() == [True, False, False]
 
 
 def test_the_best_region_holds_what_the_best_cannot_be_told_from() -> None:

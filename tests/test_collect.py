@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 import os
 import shutil
 import sys
@@ -17,7 +16,6 @@ from helpers import compose_config
 from snnrl.files import FolderError
 from snnrl.running import merge
 from snnrl.running.job import perform
-from snnrl.running.merge import fraction_interval, mean_interval
 
 FOOD, REWARDS, CORRECT = (
     *([f"{score}_{part}" for part in ("mean", "sd", "low", "high")] for score in ("food", "rewards")),
@@ -92,17 +90,6 @@ def test_a_row_for_each_cell(runs: Path) -> None:
     assert whole["food_mean"] == pytest.approx(np.mean(food))
     assert whole["food_sd"] == pytest.approx(np.std(food, ddof=1))
     assert 0 <= whole["correct_low"] <= whole["correct"] <= whole["correct_high"] <= 1
-
-
-def test_intervals_in_closed_form() -> None:
-    low, high = mean_interval(np.array([10.0, 12.0, 14.0]))
-    half = 4.302653 * 2.0 / math.sqrt(3)  # Student's t, two degrees of freedom
-    assert (low, high) == pytest.approx((12.0 - half, 12.0 + half))
-    z, n, p = 1.959964, 50, 0.9
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    assert fraction_interval([True] * 45 + [False] * 5) == pytest.approx((middle - half, middle + half))
-    assert mean_interval(np.array([3.0])) == fraction_interval([]) == (None, None)
 
 
 def test_a_task_has_its_rewards(runs: Path, tasks: Path) -> None:

@@ -7,8 +7,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +21,6 @@ from hydra.errors import HydraException
 from hydra.types import RunMode
 from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
-from scipy import stats
 from torch import Tensor
 
 from snnrl.agents.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
@@ -33,9 +30,11 @@ from snnrl.configuration.builder import build
 from snnrl.configuration.checks import check, torch_device
 from snnrl.configuration.compose import plain
 from snnrl.configuration.schema import BaselinesConfig, Config, check_bounds
+from snnrl.drawing.style import png
 from snnrl.engines import make_engine
 from snnrl.errors import ConfigError
-from snnrl.files import write
+from snnrl.files import csv_of, npz_of, write
+from snnrl.intervals import student, student_half
 from snnrl.model.draws import Draws
 from snnrl.running.command import Passed, discard
 
@@ -82,8 +81,7 @@ class Result:
         trials = self.items.shape[1]
         food, poison = self.items[~self.poison].sum(0), self.items[self.poison].sum(0)
         reward = food - poison
-        error = reward.std(ddof=1) / math.sqrt(trials) if trials > 1 else math.nan
-        reach = stats.t.ppf(0.975, trials - 1) * error if trials > 1 else math.nan
+        low, high = student(reward) if trials > 1 else (math.nan, math.nan)
         late = self.time > (1 - LATE) * self.time[-1]
         return {
             "task": self.task,
@@ -95,8 +93,8 @@ class Result:
             "poison_mean": poison.mean(),
             "poison_sd": poison.std(ddof=1) if trials > 1 else math.nan,
             "reward_mean": reward.mean(),
-            "reward_low": reward.mean() - reach,
-            "reward_high": reward.mean() + reach,
+            "reward_low": low,
+            "reward_high": high,
             "late_rate": self.items[late].sum(0).mean() / self.spans[late].sum(),
         }
 
@@ -159,14 +157,10 @@ def collect(task: str, agent: str, config: Config, options: BaselinesConfig) -> 
     )
 
 
-def csv_of(results: Sequence[Result]) -> str:
+def table_of(results: Sequence[Result]) -> str:
     """All rows as CSV."""
-    text = io.StringIO()
     rows = [result.row() for result in results]
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    table.writeheader()
-    table.writerows([{k: f"{v:.6g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows])
-    return text.getvalue()
+    return csv_of(list(rows[0]), [[f"{v:.6g}" if isinstance(v, float) else v for v in row.values()] for row in rows])
 
 
 def markdown_of(results: Sequence[Result]) -> str:
@@ -198,7 +192,7 @@ def figure_of(results: Sequence[Result]) -> Figure:
         panel, colour = panels[result.task], COLOURS[result.agent]
         panel.plot(result.time, mean, color=colour, label=result.agent.replace("_", " "))
         if trials > 1:
-            reach = stats.t.ppf(0.975, trials - 1) * rate.std(1, ddof=1) / math.sqrt(trials)
+            reach = student_half(rate.std(1, ddof=1), trials)
             panel.fill_between(result.time, mean - reach, mean + reach, color=colour, alpha=0.2, linewidth=0)
         if result.poison.any() and result is next(r for r in results if r.task == result.task):
             turn = result.time[~result.poison][-1] if (~result.poison).any() else 0.0
@@ -217,14 +211,11 @@ def save(results: Sequence[Result], folder: Path) -> None:
 
     series.npz holds, for each TASK and AGENT, `TASK.AGENT.time` [T] (s) and `TASK.AGENT.items` [T, B].
     """
-    write(folder / "baselines.csv", csv_of(results))
+    write(folder / "baselines.csv", table_of(results))
     write(folder / "baselines.md", markdown_of(results))
-    picture, series = io.BytesIO(), io.BytesIO()
-    figure_of(results).savefig(picture, format="png", dpi=150)
-    write(folder / "baselines.png", picture.getvalue())
+    write(folder / "baselines.png", png(figure_of(results), 150))
     arrays = {f"{r.task}.{r.agent}.{key}": getattr(r, key) for r in results for key in ("time", "items")}
-    np.savez_compressed(series, **arrays)
-    write(folder / "series.npz", series.getvalue())
+    write(folder / "series.npz", npz_of(arrays))
 
 
 def tasks_of(options: BaselinesConfig) -> dict[str, Config]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +10,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy.special import stdtrit
+
+from snnrl.intervals import student_half
 
 # Okabe and Ito's palette, safe for the colour-blind
 ROBOTS: Mapping[str, str] = {
@@ -53,16 +55,24 @@ def figure(rows: int = 1, columns: int = 1, width: float = 6.4, height: float = 
         return drawn, drawn.subplots(rows, columns, **options)
 
 
+def png(drawn: Figure, dpi: float | str = "figure") -> bytes:
+    """A figure as a PNG file."""
+    buffer = io.BytesIO()
+    drawn.savefig(buffer, format="png", dpi=dpi)
+    return buffer.getvalue()
+
+
 def robot_name(robot: str) -> str:
     return robot.replace("_", " ")
 
 
 def band(axis: Axes, time: np.ndarray, values: np.ndarray, colour: str, label: str, **options: Any) -> None:
     """Mean of [T, B] over trials with its 95 % interval; the area shows the standard deviation over trials."""
-    mean, sd = values.mean(1), values.std(1)
-    half = stdtrit(max(values.shape[1] - 1, 1), 0.975) * sd / np.sqrt(values.shape[1])
-    axis.fill_between(time, mean - sd, mean + sd, color=colour, alpha=0.10, linewidth=0)
-    axis.fill_between(time, mean - half, mean + half, color=colour, alpha=0.30, linewidth=0)
+    mean, trials = values.mean(1), values.shape[1]
+    if trials > 1:
+        sd = values.std(1, ddof=1)
+        for reach, alpha in ((sd, 0.10), (student_half(sd, trials), 0.30)):
+            axis.fill_between(time, mean - reach, mean + reach, color=colour, alpha=alpha, linewidth=0)
     axis.plot(time, mean, color=colour, label=label, **options)
 
 

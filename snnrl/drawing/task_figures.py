@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from snnrl.drawing.style import png
 
 CHOSEN, REST, EXTREME = "#c0392b", "#34495e", "#95a5a6"
 Series = Mapping[str, np.ndarray]
@@ -50,7 +51,7 @@ def draw_reinforcement(series: Series) -> bytes:
     right.set_ylim(bottom=0.7)
     right.set(xlabel="weight, mV", ylabel="synapses", title=f"At the end, after {time[-1]:,.0f} s")
     right.legend(loc="upper center", frameon=False)
-    return _png(figure)
+    return png(figure)
 
 
 def draw_conditioning(series: Series, rewarded: int, window: int) -> bytes:
@@ -78,7 +79,7 @@ def draw_conditioning(series: Series, rewarded: int, window: int) -> bytes:
     right.plot(middle, np.nanmean(over_time[:, others], 1), color=REST, linewidth=2, label="mean of the others")
     right.set(xlabel="time, s", ylabel=f"spikes in {window} ms", title="Over time", ylim=(0, None))
     right.legend(loc="upper left", frameon=False)
-    return _png(figure)
+    return png(figure)
 
 
 def _panels() -> tuple[Figure, list[Axes]]:
@@ -87,9 +88,3 @@ def _panels() -> tuple[Figure, list[Axes]]:
     for one in axes:
         one.spines[["top", "right"]].set_visible(False)
     return figure, axes
-
-
-def _png(figure: Figure) -> bytes:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png")
-    return buffer.getvalue()

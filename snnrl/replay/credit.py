@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +10,7 @@ import torch
 from torch import Tensor
 
 from snnrl.body.world import TOUCHES
+from snnrl.files import csv_of
 from snnrl.model.network import Network
 from snnrl.model.neurons import NEVER
 from snnrl.model.plasticity import Plasticity
@@ -223,13 +222,9 @@ class Credit:
 
     def table(self) -> str:
         """credit.csv: a row for each reward and synapse, those that it changed most first."""
-        text = io.StringIO()
-        rows = csv.writer(text, lineterminator="\n")
-        rows.writerow(COLUMNS)
-        for number, reward in enumerate(self.rewards):
-            for k in np.argsort(-np.abs(reward.change), kind="stable"):
-                rows.writerow(self._row(number, reward, int(k)))
-        return text.getvalue()
+        ordered = [np.argsort(-np.abs(reward.change), kind="stable").tolist() for reward in self.rewards]
+        parts = zip(self.rewards, ordered, strict=True)
+        return csv_of(COLUMNS, (self._row(n, reward, k) for n, (reward, order) in enumerate(parts) for k in order))
 
     def _row(self, number: int, reward: Reward, k: int) -> list[object]:
         synapse, pairs = self.synapses[k], self.pairs[k]

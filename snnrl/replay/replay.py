@@ -11,7 +11,6 @@ credit.png and spikes.npz. See docs/replay.md.
 from __future__ import annotations
 
 import argparse
-import io
 import math
 import sys
 from collections import Counter
@@ -21,15 +20,15 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from matplotlib.figure import Figure
 from torch import Tensor
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import load
 from snnrl.configuration.schema import Config
+from snnrl.drawing.style import png
 from snnrl.engines import Engine, make_engine
 from snnrl.errors import ConfigError
-from snnrl.files import FolderError, write
+from snnrl.files import FolderError, npz_of, write
 from snnrl.replay.credit import Credit, Ledger, cause_of
 from snnrl.replay.scenes import animate, draw_credit, draw_raster
 from snnrl.running.command import FORESEEN, explain, status
@@ -197,10 +196,10 @@ def save(recording: Recording, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write(folder / "spikes.npz", spikes_of(recording))
     write(folder / "credit.csv", recording.credit.table())
-    write(folder / "raster.png", png(draw_raster(recording)))
+    write(folder / "raster.png", png(draw_raster(recording), 150))
     explained = draw_credit(recording)
     if explained is not None:
-        write(folder / "credit.png", png(explained))
+        write(folder / "credit.png", png(explained, 150))
     animate(recording, folder)
 
 
@@ -210,25 +209,18 @@ def spikes_of(recording: Recording) -> bytes:
     and `start` and `end` of the recording (ms).
     """
     groups = recording.simulation.network.groups
-    buffer = io.BytesIO()
-    np.savez_compressed(
-        buffer,
-        time=recording.time,
-        neuron=recording.neuron,
-        groups=np.array(list(groups)),
-        first=np.array([group.start for group in groups.values()]),
-        size=np.array([group.size for group in groups.values()]),
-        trial=recording.trial,
-        start=recording.start,
-        end=recording.end,
+    return npz_of(
+        {
+            "time": recording.time,
+            "neuron": recording.neuron,
+            "groups": np.array(list(groups)),
+            "first": np.array([group.start for group in groups.values()]),
+            "size": np.array([group.size for group in groups.values()]),
+            "trial": recording.trial,
+            "start": recording.start,
+            "end": recording.end,
+        }
     )
-    return buffer.getvalue()
-
-
-def png(drawn: Figure) -> bytes:
-    buffer = io.BytesIO()
-    drawn.savefig(buffer, format="png", dpi=150)
-    return buffer.getvalue()
 
 
 def report(recording: Recording, original: Original, folder: Path) -> None:

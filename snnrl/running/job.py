@@ -28,7 +28,7 @@ from snnrl.configuration.builder import build
 from snnrl.configuration.compose import dump, load
 from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
-from snnrl.files import FolderError, owned, write, write_json
+from snnrl.files import FolderError, finite, owned, write, write_json
 from snnrl.recording.board import choices
 from snnrl.recording.criteria import correct
 from snnrl.recording.recorder import Recorder, keep_events, ticks_of
@@ -197,11 +197,6 @@ def description(config: Config) -> dict[str, Any]:
     }
 
 
-def finite(value: torch.Tensor) -> float | None:
-    """A number for JSON; None for one that is infinite or no number."""
-    return float(value) if value.isfinite() else None
-
-
 def simulate(
     config: Config,
     simulation: Simulation[Any],
@@ -265,7 +260,7 @@ def simulate(
         "seconds": ticks * tick / 1000.0,
         "engine": engine.name,
         "results": results,
-        "mean_weight": {p.name: finite(p.mean_weight().mean()) for p in simulation.network.projections.values()},
+        "mean_weight": {p.name: finite(float(p.mean_weight().mean())) for p in simulation.network.projections.values()},
         "alarms": alarmed,
         "wall_s": wall,
         "trial_ms_per_s": config.trials * ticks * tick / wall,

@@ -14,7 +14,6 @@ import argparse
 import csv
 import io
 import json
-import math
 import sys
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
@@ -22,15 +21,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from snnrl.configuration.compose import load
 from snnrl.errors import ConfigError
-from snnrl.files import FolderError, write
+from snnrl.files import FolderError, csv_of, finite, write
+from snnrl.intervals import student, wilson
 from snnrl.running.checkpoint import difference, settings
 from snnrl.running.job import read_summary
 
-LEVEL = 0.95
 OF_A_SHARD = ("trials", "trial_start")
 WITHOUT_EFFECT = ("threads", "checkpoint.", "record.")  # on the trials
 NAMED = ("experiment", "robot", "experiment.name", "robot.name", "seconds")  # by columns that there always are
@@ -158,9 +156,9 @@ def merge(runs: Sequence[Run], latest: bool) -> dict[str, Any]:
             owner[trial] = run
     values = np.array([owner[trial].values[trial] for trial in sorted(owner)])
     correct = [run.correct[trial] for trial, run in owner.items() if trial in run.correct]
-    low, high = mean_interval(values)
-    at_least, at_most = fraction_interval(correct)
-    score = runs[0].score
+    score, fraction = runs[0].score, sum(correct) / len(correct) if correct else None
+    low, high = map(finite, student(values))
+    at_least, at_most = (None, None) if fraction is None else wilson(fraction, len(correct))
     return {
         "seconds": runs[0].seconds,
         "trials": len(values),
@@ -168,26 +166,10 @@ def merge(runs: Sequence[Run], latest: bool) -> dict[str, Any]:
         f"{score}_sd": float(values.std(ddof=1)) if len(values) > 1 else None,
         f"{score}_low": low,
         f"{score}_high": high,
-        "correct": sum(correct) / len(correct) if correct else None,
+        "correct": fraction,
         "correct_low": at_least,
         "correct_high": at_most,
     }
-
-
-def mean_interval(values: np.ndarray) -> tuple[float | None, float | None]:
-    """Student's t interval of the mean; none for a single value."""
-    if len(values) < 2:
-        return None, None
-    half = float(stats.t.ppf(0.5 + LEVEL / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
-    return float(values.mean()) - half, float(values.mean()) + half
-
-
-def fraction_interval(outcomes: Sequence[bool]) -> tuple[float | None, float | None]:
-    """Wilson's interval of the fraction of true outcomes; none for no outcome."""
-    if not outcomes:
-        return None, None
-    interval = stats.binomtest(sum(outcomes), len(outcomes)).proportion_ci(LEVEL, method="wilson")
-    return float(interval.low), float(interval.high)
 
 
 def collect(paths: Iterable[Path], latest: bool = False) -> tuple[list[dict[str, Any]], list[Path]]:
@@ -241,13 +223,7 @@ def save(table: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def as_csv(table: Sequence[dict[str, Any]]) -> str:
-    if not table:
-        return ""
-    text = io.StringIO()
-    rows = csv.DictWriter(text, list(table[0]), lineterminator="\n")
-    rows.writeheader()
-    rows.writerows(table)
-    return text.getvalue()
+    return csv_of(list(table[0]), [list(row.values()) for row in table]) if table else ""
 
 
 def as_parquet(table: Sequence[dict[str, Any]]) -> bytes:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import optuna
 import torch
 from torch import Tensor
@@ -25,9 +26,11 @@ from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
+from snnrl.model.network import Network
 from snnrl.recording.criteria import correct
 from snnrl.simulation import Simulation
 from snnrl.thesis.claims import escape_rule
+from snnrl.thesis.compare import contrast
 from snnrl.thesis.fit import CALIBRATION
 from snnrl.thesis.loss import UNIT, Cells, Outcome, background_cells, loss, orbit_cells, run_cells, tail
 from snnrl.thesis.published import published
@@ -124,8 +127,13 @@ def outcome(experiment: str, robot: str, values: Mapping[str, Any], trials: int,
         food.double().numpy(),
         (food - before).numpy(),
         correct(simulation.network, config.experiment.correct).numpy(),
-        contrast(simulation, told_apart["factor"]).numpy() if told_apart else None,
+        contrast(mean_weights(simulation.network), told_apart["factor"]) if told_apart else None,
     )
+
+
+def mean_weights(network: Network) -> dict[str, np.ndarray]:
+    """Mean weight (mV) of each projection, [B] each."""
+    return {name: projection.mean_weight().numpy() for name, projection in network.projections.items()}
 
 
 def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
@@ -154,15 +162,6 @@ def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: 
     simulation.run(engine, round(1000 * seconds / tick))
     elapsed = (int(network.time) - start) / 1000
     return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
-
-
-def contrast(simulation: Simulation, factor: float) -> Tensor:
-    """Whether the food container's touch excites dopamine more than `factor` times the empty one's, bool [B]."""
-    food, empty = (
-        simulation.network.projections[f"{kind}_container_touch_to_dopaminergic"].mean_weight()
-        for kind in ("food", "empty")
-    )
-    return food > factor * empty
 
 
 def measured(values: Mapping[str, Any], trials: int, seed: int) -> Cells:

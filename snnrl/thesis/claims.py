@@ -10,11 +10,12 @@ import numpy as np
 import torch
 
 from snnrl.body.world.geometry import orbit
+from snnrl.intervals import student
 from snnrl.model.draws import Draws, stream
 from snnrl.thesis.fit import best_region, describe, point_of, scores
 from snnrl.thesis.published import published
 from snnrl.thesis.runs import Run
-from snnrl.thesis.statistics import Sample, Share, compare_shares, interval, welch
+from snnrl.thesis.verdicts import Sample, Share, compare_shares, welch
 
 Runs = Mapping[str, Run]
 SIDES = ("left", "right")
@@ -144,7 +145,7 @@ def hunger_breaks_orbits(runs: Runs) -> Claim:
 
 def _arrives(statement: str, measured: str, times: np.ndarray, said: float) -> Claim:
     """A claim of section 4.2 about when something has happened (s)."""
-    low, high = interval(times)
+    low, high = student(times)
     mean = float(times.mean())
     criterion = f"mean between half and twice the published {said:g} s"
     return Claim("4.2", statement, measured, mean, low, high, "s", criterion, said / 2 <= mean <= 2 * said)
@@ -176,7 +177,7 @@ def weights_saturate(runs: Runs) -> Claim:
 def motor_neurons_differentiate(runs: Runs) -> Claim:
     weights = runs["food_attraction/learning"].weights
     excess = differentiation(weights) - differentiation(shuffled(weights, 0))
-    low, high = interval(excess)
+    low, high = student(excess)
     return Claim(
         "4.2",
         "Single motor neurons come to answer to one sensor only.",

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from snnrl.files import finite
 from snnrl.thesis.claims import escapes
 from snnrl.thesis.published import published
 from snnrl.thesis.runs import Run
-from snnrl.thesis.statistics import Difference, Sample, Share, compare_means, compare_shares
+from snnrl.thesis.verdicts import Difference, Sample, Share, compare_means, compare_shares
 
 Value = Sample | Share
 
@@ -52,11 +53,6 @@ class Cell:
         }
 
 
-def finite(value: float) -> float | None:
-    """The value, or None for what JSON cannot hold."""
-    return float(value) if np.isfinite(value) else None
-
-
 def tally(cells: Sequence[Cell]) -> str:
     """How many cells got which verdict, in words."""
     count = Counter(cell.verdict for cell in cells)
@@ -66,9 +62,13 @@ def tally(cells: Sequence[Cell]) -> str:
     )
 
 
-def contrast(run: Run, factor: float) -> np.ndarray:
-    """Trials whose food container's touch excites dopamine more than `factor` times the empty one's, bool [B]."""
-    food, empty = (run.trials[f"{kind}_container_touch_to_dopaminergic"] for kind in ("food", "empty"))
+def contrast(weights: Mapping[str, np.ndarray], factor: float) -> np.ndarray:
+    """Trials whose food container's touch excites dopamine more than `factor` times the empty one's, bool [B].
+
+    Args:
+        weights: mean weights of projections by name, [B] each.
+    """
+    food, empty = (weights[f"{kind}_container_touch_to_dopaminergic"] for kind in ("food", "empty"))
     return np.asarray(food > factor * empty)
 
 
@@ -99,7 +99,7 @@ def _cells(name: str, run: Run) -> Iterator[Cell]:
         yield shares("learnt", run.trials["correct"] == 1, value, trials)
     if (value := found("contrast")) is not None:
         quantity = f"food container's touch over {value['factor']:g} x the empty one's"
-        yield shares(quantity, contrast(run, value["factor"]), value["fraction"], trials)
+        yield shares(quantity, contrast(run.trials, value["factor"]), value["fraction"], trials)
     if (value := found("escaped")) is not None:
         times = escapes(run)
         yield shares("escaped", np.isfinite(times), value["fraction"], theirs["escaped"]["trials"])

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy import stats
 
 from snnrl.configuration.schema import PlasticityConfig
 from snnrl.drawing.style import OTHER, figure
 from snnrl.thesis.loss import FARTHEST
 from snnrl.thesis.runs import Run
+from snnrl.thesis.verdicts import p_greater
 
 CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record
 FORMER_UNIT = "standard errors"  # of a record that does not say its unit: of the difference, our spread included
@@ -60,11 +60,7 @@ def scores(runs: Mapping[str, Run]) -> dict[str, np.ndarray]:
 def best_region(found: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
     """The point with the most food, and all that Welch's one-sided test (5 %) does not tell from it."""
     best = max(found, key=lambda name: found[name].mean())
-    region = [
-        name
-        for name, values in found.items()
-        if name == best or stats.ttest_ind(found[best], values, equal_var=False, alternative="greater").pvalue > 0.05
-    ]
+    region = [name for name, values in found.items() if name == best or p_greater(found[best], values) > 0.05]
     return best, region
 
 

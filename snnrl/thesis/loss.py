@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from snnrl.thesis.statistics import MARGIN
+from snnrl.thesis.verdicts import MARGIN
 
 UNIT = "units of the loss"  # in words, of all distances
 FARTHEST = 10.0

@@ -18,14 +18,14 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from snnrl.drawing import style
-from snnrl.files import write, write_json
+from snnrl.files import finite, write, write_json
 from snnrl.thesis.claims import Claim, claims, escapes, first_food
-from snnrl.thesis.compare import Cell, compare, finite, tally
+from snnrl.thesis.compare import Cell, compare, tally
 from snnrl.thesis.fit import calibration
 from snnrl.thesis.gallery import drawings
 from snnrl.thesis.loss import UNIT
 from snnrl.thesis.runs import Run
-from snnrl.thesis.statistics import RULE, Sample, Share
+from snnrl.thesis.verdicts import RULE, Sample, Share
 
 TEMPLATES = Path(__file__).with_name("templates")
 SECTIONS = {
@@ -103,12 +103,11 @@ def claim_row(claim: Claim) -> dict[str, Any]:
     }
 
 
-def png(drawn: Figure) -> bytes:
+def compressed(drawn: Figure) -> bytes:
     """A figure as a compressed picture: few colours are enough for lines and areas."""
-    buffer = io.BytesIO()
     with mpl.rc_context(style.STYLE):
-        drawn.savefig(buffer, dpi=170)
-    picture = Image.open(buffer).convert("RGB").quantize(128, dither=Image.Dither.NONE)
+        content = style.png(drawn, 170)
+    picture = Image.open(io.BytesIO(content)).convert("RGB").quantize(128, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
     return buffer.getvalue()
@@ -158,7 +157,7 @@ def _pictures(folder: Path, runs: dict[str, Run]) -> dict[str, list[dict[str, st
     with mpl.rc_context(style.STYLE):
         drawn = drawings(runs)
     for drawing, shape in drawn:
-        content = png(shape)
+        content = compressed(shape)
         write(folder / f"{drawing.name}.png", content)
         section = "3" if drawing.section.startswith("3") else drawing.section
         pictures.setdefault(section, []).append(

@@ -10,8 +10,10 @@ from typing import Any
 
 import numpy as np
 from scipy import stats
+from scipy.special import stdtrit
 
-CONFIDENCE = 0.95
+from snnrl.intervals import CONFIDENCE, QUANTILE, wilson
+
 MARGIN = 0.10  # of a published mean, or of all trials for a fraction: a smaller difference counts as none
 RULE = (
     f"A cell is equivalent if the whole {100 * CONFIDENCE:g} % interval of the difference, ours less the published "
@@ -82,30 +84,19 @@ class Difference:
         return "inconclusive" if self.low <= 0 <= self.high else "differs"
 
 
-def interval(values: Any) -> tuple[float, float]:
-    """Student's 95 % interval of the mean of an array; of fewer than two values, not bounded."""
-    values = np.asarray(values, float)
-    if len(values) < 2:
-        return -math.inf, math.inf
-    half = stats.t.ppf(0.5 + CONFIDENCE / 2, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values))
-    return float(values.mean() - half), float(values.mean() + half)
-
-
 def welch(ours: Sample, theirs: Sample) -> tuple[float, float]:
     """Welch's interval of the difference of two means; both samples need a deviation."""
     variance = ours.variance + theirs.variance
     if variance == 0:
         return ours.mean - theirs.mean, ours.mean - theirs.mean
     freedom = variance**2 / sum(s.variance**2 / (s.n - 1) for s in (ours, theirs) if s.n > 1)
-    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2, freedom)) * math.sqrt(variance)
+    half = float(stdtrit(freedom, QUANTILE)) * math.sqrt(variance)
     return ours.mean - theirs.mean - half, ours.mean - theirs.mean + half
 
 
-def wilson(p: float, n: float) -> tuple[float, float]:
-    """Wilson's interval of a fraction p of n trials; n may be infinite."""
-    z = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
-    centre, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
-    return (centre - half) / (1 + z * z / n), (centre + half) / (1 + z * z / n)
+def p_greater(more: Any, less: Any) -> float:
+    """How likely (p) such a lead of one sample over another is if their means are equal: Welch's one-sided test."""
+    return float(stats.ttest_ind(more, less, equal_var=False, alternative="greater").pvalue)
 
 
 def newcombe(p: float, n: float, q: float, m: float) -> tuple[float, float]:

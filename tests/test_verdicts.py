@@ -1,4 +1,4 @@
-"""Intervals, effect sizes and verdicts against closed forms, scipy and published examples."""
+"""Differences, effect sizes and verdicts against closed forms, scipy and published examples."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from snnrl.thesis.statistics import (
+from snnrl.thesis.verdicts import (
     MARGIN,
     Sample,
     Share,
     compare_means,
     compare_shares,
-    interval,
     newcombe,
     welch,
-    wilson,
 )
 
 A = np.array([10.0, 14.0, 12.0, 16.0, 9.0])
@@ -27,12 +25,6 @@ B = np.array([11.0, 8.0, 7.0, 10.0, 9.5, 6.0])
 def test_welch_is_scipys() -> None:
     theirs = stats.ttest_ind(A, B, equal_var=False).confidence_interval(0.95)
     assert welch(Sample.of(A), Sample.of(B)) == pytest.approx((theirs.low, theirs.high))
-
-
-def test_interval_of_a_mean() -> None:
-    low, high = stats.ttest_1samp(A, 0).confidence_interval(0.95)
-    assert interval(A) == pytest.approx((low, high))
-    assert interval(A[:1]) == (-math.inf, math.inf)
 
 
 def test_hedges_g_by_hand() -> None:
@@ -45,13 +37,6 @@ def test_newcombes_interval_is_the_published_example() -> None:
     """56 of 70 against 48 of 80: 0.0524 to 0.3339 (Newcombe 1998, table II a, method 10)."""
     found = compare_shares(Share(56, 70), Share(48, 80))
     assert (found.low, found.high) == (pytest.approx(0.0524, abs=5e-5), pytest.approx(0.3339, abs=5e-5))
-
-
-def test_wilsons_interval_is_scipys_and_shrinks_to_the_fraction() -> None:
-    for count, n in ((0, 3), (1, 3), (41, 50), (20, 20)):
-        theirs = stats.binomtest(count, n).proportion_ci(0.95, "wilson")
-        assert wilson(count / n, n) == pytest.approx((theirs.low, theirs.high), abs=1e-12)
-    assert wilson(0.3, math.inf) == (0.3, 0.3)
 
 
 def test_a_mean_is_equivalent_where_the_whole_interval_is_within_the_margin() -> None:
