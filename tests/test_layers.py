@@ -74,8 +74,13 @@ def test_network_and_world_know_nothing_of_each_other() -> None:
 
 
 def test_a_task_knows_only_the_network_and_its_random_numbers() -> None:
-    known = {name for name in imports()["tasks/task.py"] if name.startswith("snnrl")}
-    assert known == {"snnrl.model.network", "snnrl.model.draws"}
+    known = {name for path, names in imports().items() if path.startswith("tasks/") for name in names}
+    own = {f"snnrl.tasks.{name}" for name in ("coincidences", "rewards", "stimuli")}
+    assert {name for name in known if name.startswith("snnrl")} - own == {
+        "snnrl.model.network",
+        "snnrl.model.neurons",
+        "snnrl.model.draws",
+    }
 
 
 def test_nothing_in_the_package_depends_on_tools_or_tests() -> None:

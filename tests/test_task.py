@@ -37,7 +37,10 @@ from snnrl.model.draws import Draws
 from snnrl.model.network import Network
 from snnrl.model.plasticity import Plasticity
 from snnrl.simulation import Simulation
-from snnrl.tasks.task import NONE, Coincidence, Reward, Stimuli, Task
+from snnrl.tasks.coincidences import Coincidence
+from snnrl.tasks.rewards import Reward
+from snnrl.tasks.stimuli import NONE, Stimuli
+from snnrl.tasks.task import Task
 
 EXPERIMENTS = ("distal_reward", "classical_conditioning")
 PUBLISHED = Plasticity(

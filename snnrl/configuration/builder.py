@@ -40,7 +40,10 @@ from snnrl.model.neurons import NeuronGroup
 from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate
 from snnrl.model.synapses import Projection
 from snnrl.simulation import Simulation
-from snnrl.tasks.task import Coincidence, Reward, Stimuli, Task
+from snnrl.tasks.coincidences import Coincidence
+from snnrl.tasks.rewards import Reward
+from snnrl.tasks.stimuli import Stimuli
+from snnrl.tasks.task import Task
 
 DTYPES = {"float32": torch.float32, "float64": torch.float64}
 

@@ -208,7 +208,7 @@ class WorldConfig:
 
 @dataclass
 class StimuliConfig:
-    """See `snnrl.tasks.task.Stimuli`; `size` neurons of `groups` are drawn for each, times in ms."""
+    """See `snnrl.tasks.stimuli.Stimuli`; `size` neurons of `groups` are drawn for each, times in ms."""
 
     groups: list[str] = MISSING
     count: int = number(least=1, most=100_000)
@@ -222,7 +222,7 @@ class StimuliConfig:
 
 @dataclass
 class CoincidenceConfig:
-    """See `snnrl.tasks.task.Coincidence`; a synapse of the projection is drawn, and starts at `weight` (mV)."""
+    """See `snnrl.tasks.coincidences.Coincidence`; a synapse of the projection is drawn, and starts at `weight` (mV)."""
 
     projection: str = MISSING
     window: int = number(least=1, most=1_000_000)
@@ -231,7 +231,7 @@ class CoincidenceConfig:
 
 @dataclass
 class RewardConfig:
-    """See `snnrl.tasks.task.Reward`; amount in uM, delays in ms."""
+    """See `snnrl.tasks.rewards.Reward`; amount in uM, delays in ms."""
 
     amount: float = MISSING
     shortest: int = number(least=0, most=1_000_000)

@@ -77,6 +77,11 @@ class Draws:
         return self.uniform(stream, torch.zeros(1, dtype=torch.int64, device=self.trials.device), count)[0]
 
 
+def whole_between(uniform: Tensor, least: int, most: int) -> Tensor:
+    """Whole numbers in [least, most] from numbers uniform in [0, 1), int64."""
+    return least + (uniform * (most - least + 1)).long()
+
+
 def poisson_thresholds(mean: float) -> Tensor:
     """Thresholds of the inverse distribution function, int64 [K]: a draw is how many are <= the bits.
 
