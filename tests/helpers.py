@@ -22,8 +22,8 @@ from snnrl.model.network import Network
 from snnrl.model.neurons import IZHIKEVICH, NeuronGroup
 from snnrl.model.plasticity import Plasticity
 from snnrl.model.synapses import Projection
+from snnrl.recording.runs import Run
 from snnrl.simulation import Simulation
-from snnrl.thesis.runs import Run
 
 ENGINES = ("reference", "fused")
 

@@ -9,12 +9,12 @@ from helpers import compose_config, hand_made, with_weights
 
 from snnrl.engines import make_engine
 from snnrl.model.network import Network
+from snnrl.recording.runs import Run
 from snnrl.thesis import claims
 from snnrl.thesis.compare import compare, contrast, tally
 from snnrl.thesis.fit import best_region, describe, grid_points, point_name, point_of
 from snnrl.thesis.methods import coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.thesis.report import food_after_escape
-from snnrl.thesis.runs import Run
 from snnrl.thesis.verdicts import Share
 
 

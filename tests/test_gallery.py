@@ -8,11 +8,11 @@ import torch
 from helpers import compose_config, hand_made, with_weights
 
 from snnrl.configuration.builder import build
+from snnrl.recording.runs import Run
 from snnrl.thesis import dampening
 from snnrl.thesis.dampening import Dampened, dampened
 from snnrl.thesis.figures import failure
 from snnrl.thesis.gallery import DRAWINGS
-from snnrl.thesis.runs import Run
 
 SIDES = {"left": "right", "right": "left"}
 

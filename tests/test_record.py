@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from helpers import compose_config, make_world, place
 
+from snnrl.recording.runs import Run
 from snnrl.running.job import perform
-from snnrl.thesis.runs import Run
 
 EVERY = ("record.every=0.7", "record.tensorboard=false", "trials=2")
 

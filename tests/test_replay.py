@@ -33,11 +33,11 @@ from snnrl.engines import make_engine
 from snnrl.model.homeostasis import Homeostasis
 from snnrl.model.network import Network
 from snnrl.model.neurons import NEVER
+from snnrl.recording.runs import Run
 from snnrl.replay import replay
 from snnrl.replay.credit import Credit, Ledger, pairs_of
-from snnrl.replay.replay import Original, Recording, record
+from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.job import perform
-from snnrl.thesis.runs import Run
 
 TRIAL, SECONDS, FROM = 60, 5.6, 2.1  # trial 60 finds food at 2.5 s and at 5.0 s
 HOW_TO = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()

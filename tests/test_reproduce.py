@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import torch
 
+from snnrl.recording.runs import Run
 from snnrl.thesis import fit, reproduce
 from snnrl.thesis.dampening import dampened
 from snnrl.thesis.gallery import DRAWINGS
 from snnrl.thesis.loss import UNIT
 from snnrl.thesis.published import published
 from snnrl.thesis.report import Provenance, write_report
-from snnrl.thesis.runs import Run
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -20,9 +20,7 @@ from PIL import Image
 from snnrl.body.world import TOUCHES
 from snnrl.drawing.pictures import draw_world
 from snnrl.drawing.style import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON, STYLE, figure
-
-if TYPE_CHECKING:
-    from snnrl.replay.replay import Recording
+from snnrl.replay.trial import Recording
 
 FRAMES = 220  # of an animation at most
 SHORTEST, LONGEST = 40, 140  # ms that a frame is shown

@@ -12,9 +12,9 @@ import torch
 from snnrl.body.world.geometry import orbit
 from snnrl.intervals import student
 from snnrl.model.draws import Draws, stream
+from snnrl.recording.runs import Run
 from snnrl.thesis.fit import best_region, describe, point_of, scores
 from snnrl.thesis.published import published
-from snnrl.thesis.runs import Run
 from snnrl.thesis.verdicts import Sample, Share, compare_shares, welch
 
 Runs = Mapping[str, Run]

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from snnrl.files import finite
+from snnrl.recording.runs import Run
 from snnrl.thesis.claims import escapes
 from snnrl.thesis.published import published
-from snnrl.thesis.runs import Run
 from snnrl.thesis.verdicts import Difference, Sample, Share, compare_means, compare_shares
 
 Value = Sample | Share

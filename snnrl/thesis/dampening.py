@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from snnrl.configuration.compose import compose
+from snnrl.recording.runs import Run
 from snnrl.thesis.claims import pathways
-from snnrl.thesis.runs import Run
 
 EXPERIMENT, SET = "food_attraction", "food_taxis"
 

@@ -18,11 +18,11 @@ from snnrl.drawing.pictures import draw_world
 from snnrl.drawing.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, PUBLISHED, ROBOTS, band, figure, mark
 from snnrl.engines import make_engine
 from snnrl.recording.criteria import LEAD, STRENGTH
+from snnrl.recording.runs import Run
 from snnrl.thesis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, pathways, smooth, taxis
 from snnrl.thesis.dampening import dampened
 from snnrl.thesis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
 from snnrl.thesis.published import published
-from snnrl.thesis.runs import Run
 
 RATE = "collection rate (items/s)"
 WEIGHT = "mean weight (mV)"

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from snnrl.configuration.schema import PlasticityConfig
 from snnrl.drawing.style import OTHER, figure
+from snnrl.recording.runs import Run
 from snnrl.thesis.loss import FARTHEST
-from snnrl.thesis.runs import Run
 from snnrl.thesis.verdicts import p_greater
 
 CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record

@@ -19,12 +19,12 @@ from PIL import Image
 
 from snnrl.drawing import style
 from snnrl.files import finite, write, write_json
+from snnrl.recording.runs import Run
 from snnrl.thesis.claims import Claim, claims, escapes, first_food
 from snnrl.thesis.compare import Cell, compare, tally
 from snnrl.thesis.fit import calibration
 from snnrl.thesis.gallery import drawings
 from snnrl.thesis.loss import UNIT
-from snnrl.thesis.runs import Run
 from snnrl.thesis.verdicts import RULE, Sample, Share
 
 TEMPLATES = Path(__file__).with_name("templates")

@@ -27,12 +27,12 @@ from typing import Any
 from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config
 from snnrl.errors import ConfigError
+from snnrl.recording.runs import Run
 from snnrl.running.job import perform, read_summary
 from snnrl.thesis import dampening
 from snnrl.thesis.claims import FIVE_ROBOTS
 from snnrl.thesis.fit import FACTORS, grid_points, point_name
 from snnrl.thesis.report import Provenance, write_report
-from snnrl.thesis.runs import Run
 
 DATA = Path("runs/thesis/data")
 ROBOTS = {

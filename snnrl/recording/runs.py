@@ -1,4 +1,4 @@
-"""Run folders, read back."""
+"""Run folders, read back: what the recorder has written of a run that is complete."""
 
 from __future__ import annotations
 
