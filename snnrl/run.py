@@ -21,7 +21,8 @@ from snnrl.configuration.compose import load, plain
 from snnrl.errors import ConfigError
 from snnrl.files import FolderError
 from snnrl.running.command import JobFailed, Passed, discard, explain, hydra_job, launch
-from snnrl.running.job import Interrupted, perform
+from snnrl.running.job import perform
+from snnrl.running.signals import Interrupted
 
 BASELINES = "+experiment=baselines"
 

@@ -30,6 +30,14 @@ ENGINES = ("reference", "fused")
 EXCITATORY = (0.02, 0.2, -65.0, 8.0)  # a, b, c, d
 INHIBITORY = (0.1, 0.2, -65.0, 8.0)
 RULE = Plasticity(0.1, 0.15, 20.0, 110.0, 476.0, 4.0)
+SMALL_TASK = (  # a tenth of the network
+    "network.groups.excitatory.size=80",
+    "network.groups.inhibitory.size=20",
+    "network.synapses.to_excitatory.fan_out=40",
+    "network.synapses.to_inhibitory.fan_out=10",
+    "network.synapses.inhibition.fan_out=50",
+)
+SMALL_STIMULI = ("task.stimuli.count=5", "task.stimuli.size=30")
 SURE = 200.0  # current that makes a neuron fire in the ms in which it gets it, gently
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 import torch
-from helpers import compose_config
+from helpers import SMALL_TASK, compose_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from snnrl import files, run
@@ -26,7 +26,8 @@ from snnrl.engines.fused import FusedEngine
 from snnrl.files import FolderError, owned, write
 from snnrl.running import checkpoint, job
 from snnrl.running.command import status
-from snnrl.running.job import Interrupted, perform
+from snnrl.running.job import perform
+from snnrl.running.signals import Interrupted
 
 OVERRIDES = ("+experiment=food_attraction", "trials=2", "seconds=21", "record.every=5", "threads=1", "seed=3")
 SHOWN = ("record.histograms=4", "record.pictures=15")
@@ -146,6 +147,17 @@ def test_killed_again_and_again_it_ends_the_same(tmp_path: Path, whole: dict[str
     kill(folder, make(), job, "keep_events", 1)
     perform(make("threads=2"), folder)
     assert results(folder) == whole
+
+
+def test_a_task_that_is_killed_ends_the_same(tmp_path: Path) -> None:
+    options = ["+experiment=distal_reward", *SMALL_TASK, "trials=2", "seconds=5", "record.every=1.5", "threads=1"]
+    perform(compose_config(*options), new(tmp_path / "whole"))
+    for call, name in enumerate(("first", "second"), 1):
+        config = compose_config(*options, "checkpoint.every=1")
+        folder = new(tmp_path / name)
+        kill(folder, config, checkpoint, "save", 2 * call)
+        perform(config, folder)
+        assert results(folder) == results(tmp_path / "whole")
 
 
 def test_wall_time_is_that_of_all_parts(tmp_path: Path, stopped: Path) -> None:

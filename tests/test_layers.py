@@ -40,11 +40,8 @@ def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> 
     assert importers("omegaconf") == configuration | commands | {"configuration/schema.py"}
 
 
-def test_only_the_board_and_the_task_recorder_know_tensorboard() -> None:
-    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {
-        "recording/board.py",
-        "recording/task_recorder.py",
-    }
+def test_only_the_board_knows_tensorboard() -> None:
+    assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"recording/board.py"}
 
 
 def test_what_records_knows_nothing_of_the_analysis() -> None:

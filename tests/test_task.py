@@ -17,6 +17,8 @@ import pytest
 import torch
 from helpers import (
     ENGINES,
+    SMALL_STIMULI,
+    SMALL_TASK,
     compose_config,
     forced,
     make_dopamine,
@@ -31,13 +33,13 @@ from torch import Tensor
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.schema import ConfigError
-from snnrl.drawing.task_figures import quarters
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network
 from snnrl.model.plasticity import Plasticity
 from snnrl.simulation import Simulation
 from snnrl.tasks.coincidences import Coincidence
+from snnrl.tasks.responses import quarters
 from snnrl.tasks.rewards import Reward
 from snnrl.tasks.stimuli import NONE, Stimuli
 from snnrl.tasks.task import Task
@@ -46,15 +48,7 @@ EXPERIMENTS = ("distal_reward", "classical_conditioning")
 PUBLISHED = Plasticity(
     0.1 / 0.95, 0.15, -1 / math.log(0.95), -1 / math.log(0.95), -10 / math.log(0.99), 4.0, "depresses"
 )
-SMALL = [
-    "network.groups.excitatory.size=80",
-    "network.groups.inhibitory.size=20",
-    "network.synapses.to_excitatory.fan_out=40",
-    "network.synapses.to_inhibitory.fan_out=10",
-    "network.synapses.inhibition.fan_out=50",
-    "dtype=float64",
-]
-SMALL_STIMULI = ["task.stimuli.count=5", "task.stimuli.size=30"]
+SMALL = [*SMALL_TASK, "dtype=float64"]
 
 
 def pair(weight: float = 2.0, baseline: float = 0.0, rule: Plasticity = PUBLISHED) -> Network:
@@ -65,7 +59,7 @@ def pair(weight: float = 2.0, baseline: float = 0.0, rule: Plasticity = PUBLISHE
 
 
 def task_of(experiment: str, *overrides: str) -> Simulation[Task]:
-    stimuli = SMALL_STIMULI if experiment == "classical_conditioning" else []
+    stimuli = SMALL_STIMULI if experiment == "classical_conditioning" else ()
     return build(compose_config(f"+experiment={experiment}", "trials=3", *SMALL, *stimuli, *overrides))
 
 

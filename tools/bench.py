@@ -28,7 +28,8 @@ from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
-from snnrl.running.job import Signals, simulate
+from snnrl.running.job import simulate
+from snnrl.running.signals import Signals
 from snnrl.simulation import Simulation
 
 ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}

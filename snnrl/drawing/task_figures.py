@@ -1,8 +1,7 @@
-"""Figures of tasks, drawn from their series (see `snnrl.recording.task_recorder`) as PNG files in memory."""
+"""Figures of tasks, drawn from their series (see `snnrl.recording.probes`) as PNG files in memory."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -10,22 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from snnrl.drawing.style import png
+from snnrl.tasks.responses import Series, mean_response, quarters
 
 CHOSEN, REST, EXTREME = "#c0392b", "#34495e", "#95a5a6"
-Series = Mapping[str, np.ndarray]
-
-
-def quarters(series: Series) -> tuple[np.ndarray, np.ndarray]:
-    """Mean response (spikes) to each stimulus in the first and the last quarter, [B, K]; NaN if never shown."""
-    samples = len(series["time"])
-    part = max(1, (samples - 1) // 4)
-    return _mean_response(series, 0, part), _mean_response(series, samples - 1 - part, samples - 1)
-
-
-def _mean_response(series: Series, low: int, high: int) -> np.ndarray:
-    presented = series["presented"][high] - series["presented"][low]
-    response = series["response"][high] - series["response"][low]
-    return np.where(presented > 0, response / np.maximum(presented, 1), np.nan)
 
 
 def draw_reinforcement(series: Series) -> bytes:
@@ -69,7 +55,7 @@ def draw_conditioning(series: Series, rewarded: int, window: int) -> bytes:
     edges = np.unique(np.linspace(0, len(series["time"]) - 1, 25).astype(int))
     spans = list(pairwise(edges))
     middle = [0.5 * (series["time"][low] + series["time"][high]) for low, high in spans]
-    over_time = np.array([_mean_response(series, low, high)[0] for low, high in spans])
+    over_time = np.array([mean_response(series, low, high)[0] for low, high in spans])
     shown = ~np.isnan(over_time[:, rewarded])
     with np.errstate(all="ignore"):
         right.plot(middle, np.nanmax(over_time[:, others], 1), color=EXTREME, label="strongest other")

@@ -10,13 +10,11 @@ import numpy as np
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.tensorboard import FileWriter, summary
 
-from snnrl.files import sync
+from snnrl.files import sync, write
 from snnrl.model.synapses import Projection
+from snnrl.recording.probes import ELIGIBILITY, WEIGHT
 
-FOOD, RATE, CORRECT = "behaviour/food, items", "behaviour/collection rate, items per s", "behaviour/fraction correct"
-DOPAMINE = "dopamine/mean level, uM"
-WEIGHT, ELIGIBILITY, OF_ROLE = "weight, mV", "eligibility", "weight of role, mV"
-FIRING, ALARMS = "firing rate, Hz", "alarms, trials"
+OF_ROLE, ALARMS = "weight of role, mV", "alarms, trials"
 WEIGHTS = "weights of all trials, mV"  # a tag of its own: TensorBoard takes one for one kind of data
 BINS = 60
 WITHOUT_EFFECT = ("threads", "record.", "checkpoint.")
@@ -27,35 +25,42 @@ class Board:
 
     Args:
         folder: of the run.
+        followed: the projections whose weights there will be scalars and histograms of.
+        metrics: tags of the scalars that are the run's outcome in HParams, where it has a row if there are any.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, followed: Sequence[Projection] = (), metrics: Sequence[str] = ()) -> None:
+        self.folder, self.followed, self.metrics = folder, followed, metrics
         self._writer = FileWriter(str(folder))
 
-    def begin(self, followed: Sequence[Projection], choices: Mapping[str, str | float], judged: bool) -> None:
+    def begin(self, choices: Mapping[str, str | float]) -> None:
         """What stands at the head of a run's events: the layout of its custom scalars, and its row in HParams.
 
         Args:
-            followed: the projections whose scalars there will be.
             choices: the columns of the row.
-            judged: whether there will be a fraction correct.
         """
-        if charts := layout(followed):
+        if charts := layout(self.followed):
             self._writer.add_summary(summary.custom_scalars(charts))
-        metrics = [FOOD, *([CORRECT] if judged else [])]
-        experiment, start, _ = summary.hparams(dict(choices), dict.fromkeys(metrics))
-        self._writer.add_summary(experiment)
-        self._writer.add_summary(start)
+        if self.metrics:
+            experiment, start, _ = summary.hparams(dict(choices), dict.fromkeys(self.metrics))
+            self._writer.add_summary(experiment)
+            self._writer.add_summary(start)
 
     def scalars(self, values: Mapping[str, float], step: int) -> None:
-        """All of one moment, by their tags, in one event."""
-        found = [Summary.Value(tag=tag, simple_value=float(value)) for tag, value in values.items()]
+        """All of one moment, by their tags, in one event; and the mean weight of each role."""
+        every = {**values, **self._of_roles(values)}
+        found = [Summary.Value(tag=tag, simple_value=float(value)) for tag, value in every.items()]
         self._writer.add_summary(Summary(value=found), step)
 
-    def histograms(self, projections: Iterable[Projection], step: int) -> None:
+    def _of_roles(self, values: Mapping[str, float]) -> dict[str, float]:
+        roles: dict[str, list[float]] = {}
+        for projection in self.followed:
+            roles.setdefault(projection.role, []).append(values[f"{WEIGHT}/{projection.name}"])
+        return {f"{OF_ROLE}/{role}": sum(means) / len(means) for role, means in roles.items()}
+
+    def histograms(self, step: int) -> None:
         """The weights (mV) of each projection, over all trials."""
-        for projection in projections:
+        for projection in self.followed:
             weights = projection.weight.double().cpu().numpy()
             weights = weights[np.isfinite(weights)]
             if len(weights):
@@ -98,9 +103,24 @@ class Board:
 
     def end(self) -> None:
         """Say that the run is complete, and close the events."""
-        self._writer.add_summary(summary.hparams({}, {})[2])
+        if self.metrics:
+            self._writer.add_summary(summary.hparams({}, {})[2])
         self._writer.flush()  # unlike close, says so if an event could not be written
         self._writer.close()
+
+
+def keep_events(folder: Path, size: int) -> None:
+    """Keep the first `size` bytes of a folder's TensorBoard events, in one file that sorts before any later one.
+
+    Killed at any point and called again, it does the same: the bytes that are kept stay in front.
+    """
+    files = sorted(folder.glob("events.out.tfevents.*"))
+    kept = folder / "events.out.tfevents.0000000000.kept"
+    if size:
+        write(kept, b"".join(file.read_bytes() for file in files)[:size])
+    for file in files:
+        if file != kept or not size:
+            file.unlink()
 
 
 def choices(overrides: Iterable[str], **always: str | float) -> dict[str, str | float]:

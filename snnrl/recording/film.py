@@ -8,18 +8,23 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from snnrl.engines import Engine
-from snnrl.simulation import Simulation
+from snnrl.model.network import Network
 
 PATH, STEP, SPIKES = 10_000, 400, 1000  # ms: of path, between its points, of spikes
 
 
+def stretch(tick: int) -> tuple[int, int]:
+    """How many ticks (of that many ms) before a picture are filmed, and how many lie between two points of the path."""
+    step = max(1, STEP // tick)
+    return step * max(1, PATH // (step * tick)), step
+
+
 class Film:
-    """Runs a simulation, and keeps what its next picture will show.
+    """Keeps what the next picture will show.
 
     Args:
-        every: ticks from picture to picture; 0 is no pictures.
-        end: tick of the last one.
+        network: whose spikes are filmed.
+        tick: ms.
         state: what `state_dict` gave.
 
     Attributes:
@@ -27,44 +32,28 @@ class Film:
         fired: bool [ms, N], up to the last ms.
     """
 
-    def __init__(self, simulation: Simulation, every: int, end: int, state: Mapping[str, Any] | None = None) -> None:
-        self.simulation, self.every, self.end = simulation, every, end
-        tick = simulation.situation.coding.tick
-        self._step = max(1, STEP // tick)
-        self._length = self._step * max(1, PATH // (self._step * tick))
+    def __init__(self, network: Network, tick: int, state: Mapping[str, Any] | None = None) -> None:
+        self.network, self.tick = network, tick
         self.path = torch.zeros(0, 2, dtype=torch.float64)
-        self.fired = torch.zeros(0, simulation.network.size, dtype=torch.bool)
+        self.fired = torch.zeros(0, network.size, dtype=torch.bool)
         if state is not None:
             self.path, self.fired = state["path"], state["fired"]
 
     def state_dict(self) -> dict[str, Tensor]:
         return {"path": self.path, "fired": self.fired}
 
-    def due(self, done: int) -> bool:
-        """Whether there is a picture after `done` ticks."""
-        return self.every > 0 and (done % self.every == 0 or done == self.end)
+    def raster(self, ticks: int) -> Tensor:
+        """Where an engine notes who fires in the next ticks, bool [ms, 1, N]."""
+        return torch.zeros(ticks * self.tick, 1, self.network.size, dtype=torch.bool, device=self.network.device)
 
-    def _left(self, done: int) -> int:
-        return min(self.end, (done // self.every + 1) * self.every) - done
+    def keep(self, raster: Tensor) -> None:
+        """Who has fired in the ticks that have just been run."""
+        self.fired = torch.cat([self.fired, raster[:, 0].cpu()])[-max(SPIKES, self.tick) :]
 
-    def most(self, done: int) -> int:
-        """How many ticks may follow at once after `done`."""
-        if not self.every:
-            return self.end - done
-        left = self._left(done)
-        return left - self._length if left > self._length else left % self._step or self._step
+    def keep_position(self, position: Tensor) -> None:
+        """Where the robot is, [2], cm."""
+        self.path = torch.cat([self.path, position[None].cpu()])[-stretch(self.tick)[0] :]
 
-    def run(self, engine: Engine, done: int, ticks: int) -> None:
-        """The next ticks, at most as many as `most` says."""
-        network = self.simulation.network
-        if not self.every or self._left(done) > self._length:
-            self.path, self.fired = self.path[:0], self.fired[:0]
-            self.simulation.run(engine, ticks)
-            return
-        raster = torch.zeros(
-            ticks * self.simulation.situation.coding.tick, 1, network.size, dtype=torch.bool, device=network.device
-        )
-        self.simulation.run(engine, ticks, raster)
-        self.fired = torch.cat([self.fired, raster[:, 0].cpu()])[-max(SPIKES, self.simulation.situation.coding.tick) :]
-        if (self._left(done) - ticks) % self._step == 0:
-            self.path = torch.cat([self.path, self.simulation.situation.world.position[:1].cpu()])[-self._length :]
+    def forget(self) -> None:
+        """Begin anew: what is run now is not filmed."""
+        self.path, self.fired = self.path[:0], self.fired[:0]

@@ -2,247 +2,175 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from snnrl.body.world import TOUCHES
 from snnrl.configuration.schema import RecordConfig
-from snnrl.engines import Engine
-from snnrl.files import write
+from snnrl.files import csv_of, npz_of, write
 from snnrl.model.synapses import Projection
 from snnrl.recording.alarms import POINTS, Alarms
-from snnrl.recording.board import ALARMS, CORRECT, DOPAMINE, ELIGIBILITY, FIRING, FOOD, OF_ROLE, RATE, WEIGHT, Board
+from snnrl.recording.board import ALARMS, Board
 from snnrl.recording.film import PATH, Film
+from snnrl.recording.kept import Kept
+from snnrl.recording.probes import Moment, Probe, counts, followed
 from snnrl.simulation import Simulation
-
-SHOWN = ("collection_rate", "firing_rate", "weight", "eligibility", "dopamine")  # of the samples, as scalars
-
-
-def keep_events(folder: Path, size: int) -> None:
-    """Keep the first `size` bytes of a folder's TensorBoard events, in one file that sorts before any later one.
-
-    Killed at any point and called again, it does the same: the bytes that are kept stay in front.
-    """
-    files = sorted(folder.glob("events.out.tfevents.*"))
-    kept = folder / "events.out.tfevents.0000000000.kept"
-    if size:
-        write(kept, b"".join(file.read_bytes() for file in files)[:size])
-    for file in files:
-        if file != kept or not size:
-            file.unlink()
-
-
-def ticks_of(seconds: float | None, tick: int) -> int:
-    """Whole ticks (ms each) of an interval, at least one; 0 for none."""
-    return max(1, round(1000 * seconds / tick)) if seconds else 0
 
 
 class Recorder:
-    """Samples a simulation, watches over it and shows it.
+    """Samples a simulation by its probes, watches over it and shows it.
 
     Args:
-        simulation: what is sampled; projections with a role are followed.
-        config: what is kept and how often.
-        ticks: of the whole run.
+        simulation: what is sampled.
+        kept: what is read at every sample, and at the end.
+        config: thresholds of alarms, and whether events are written.
         folder: of the run.
-        learnt: which trials have learnt by now, bool [B]; None where nothing says so.
         choices: the run's row in TensorBoard's table of hyperparameters.
-        state: what `state_dict` gave of the recorder of the run's part so far; see also `keep_events`.
+        state: what `state_dict` gave of the recorder of the run's part so far; see also `board.keep_events`.
+
+    Attributes:
+        film: what the next picture will show.
     """
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: Simulation[Any],
+        kept: Kept,
         config: RecordConfig,
-        ticks: int,
         folder: Path,
-        learnt: Callable[[], torch.Tensor] | None = None,
         choices: Mapping[str, str | float] | None = None,
         state: Mapping[str, Any] | None = None,
     ) -> None:
-        self.simulation, self.folder, self.learnt = simulation, folder, learnt
-        self.followed = [p for p in simulation.network.projections.values() if p.role]
-        self.groups = list(simulation.network.groups)
-        self._sizes = torch.tensor([g.size for g in simulation.network.groups.values()])
-        self._samples: dict[str, list[np.ndarray]] = {}
-        self._before = self._counts()
-        self._apart = max(1, round(config.alarms.synchronised_over / (POINTS * config.every)))  # samples
+        self.simulation, self.kept, self.folder = simulation, kept, folder
+        self.followed = followed(simulation) if kept.watched else []
         part: Mapping[str, Any] = state or {}
-        if state is not None:
-            self._samples = {key: list(values.numpy()) for key, values in state["samples"].items()}
-            self._before = state["before"]
-        self.alarms = Alarms(config.alarms, simulation, [p.role for p in self.followed], part.get("alarms"))
-        self.board = Board(folder) if config.tensorboard else None
-        every = (config.histograms, config.pictures) if self.board else (0.0, 0.0)
-        self.histograms, pictures = (ticks_of(seconds, simulation.situation.coding.tick) for seconds in every)
-        self.film = Film(simulation, pictures, ticks, part.get("film"))
-        if self.board and state is None:
-            self.board.begin(self.followed, choices or {}, learnt is not None)
+        self._samples = {key: list(values.numpy()) for key, values in part.get("samples", {}).items()}
+        self._before = part.get("before", counts(simulation))
+        self._apart = max(1, round(config.alarms.synchronised_over / (POINTS * config.every)))  # samples
+        roles = [projection.role for projection in self.followed]
+        self.alarms = Alarms(config.alarms, simulation, roles, part.get("alarms")) if kept.watched else None
+        self.film = Film(simulation.network, simulation.tick, part.get("film"))
+        metrics = [probe.tag for probe in kept.probes if probe.outcome]
+        self.board = Board(folder, self.followed, metrics) if config.tensorboard else None
+        if state is None:
+            if self.board is not None:
+                self.board.begin(choices or {})
+            if kept.from_start:
+                self._keep(Moment(simulation, {}), [probe for probe in kept.probes if not probe.between])
 
     def state_dict(self) -> dict[str, Any]:
         """All that has been sampled, and how many bytes of events are on the disk for good."""
         return {
             "samples": {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()},
             "before": self._before,
-            "alarms": self.alarms.state_dict(),
+            "alarms": None if self.alarms is None else self.alarms.state_dict(),
             "film": self.film.state_dict(),
             "events": self.board.flush() if self.board else 0,
         }
 
-    def _counts(self) -> dict[str, torch.Tensor]:
-        """What only ever grows: ms, touches, spikes, and the sum of dopamine's level over all ms."""
-        network, dopamine = self.simulation.network, self.simulation.network.dopamine
-        counts = {"ms": network.time, "touches": self.simulation.situation.world.touches, "spikes": network.spike_count}
-        if dopamine is not None:
-            counts["dopamine"] = dopamine.total
-        return {key: values.cpu().clone() for key, values in counts.items()}
-
-    def most(self, done: int) -> int:
-        """How many ticks may follow at once after `done`."""
-        return min(self.film.most(done), self.histograms - done % self.histograms if self.histograms else 1 << 60)
-
-    def advance(self, engine: Engine, done: int, ticks: int) -> None:
-        """Run the next ticks, at most as many as `most` says."""
-        self.film.run(engine, done, ticks)
+    @property
+    def _step(self) -> int:
+        """Of TensorBoard, simulated s."""
+        return round(self.simulation.seconds)
 
     def sample(self) -> tuple[str, list[str]]:
-        """Take one sample.
+        """Read all probes.
 
-        Returns the food collection rate of the time since the last one in words, and a line for each kind of
-        alarm that has occurred for the first time.
+        Returns what a line of progress tells of them, and a line for each kind of alarm that has occurred for the
+        first time.
         """
-        network = self.simulation.network
-        counts = self._counts()
-        change = {key: values - self._before[key] for key, values in counts.items()}
-        seconds, span = int(counts["ms"]) / 1000.0, int(change["ms"]) / 1000.0
-        step, last = round(seconds), round(int(self._before["ms"]) / 1000.0)
-        self._before = counts
-        sample = {
-            "time": torch.tensor(seconds),
-            "collection_rate": change["touches"][:, 0] / span,
-            "firing_rate": change["spikes"] / (self._sizes * span),
-            "weight": self._of_each(Projection.mean_weight),
-            "eligibility": self._of_each(Projection.mean_eligibility),
-            "position": self.simulation.situation.world.position,
-            "heading": self.simulation.situation.world.heading,
-            "nearest_item": self.simulation.situation.world.nearest_item(),
-        }
-        if network.dopamine is not None:
-            sample["dopamine"] = change["dopamine"] / int(change["ms"])
-        for key, values in sample.items():
-            self._samples.setdefault(key, []).append(values.float().cpu().numpy().copy())
-        weight = torch.from_numpy(np.stack(self._samples["weight"][:: -self._apart][:POINTS][::-1]))
-        rung = {kind: self.alarms.explain(kind) for kind in self.alarms.check(weight)}
+        now, last = counts(self.simulation), round(int(self._before["ms"]) / 1000.0)
+        moment = Moment(self.simulation, {key: values - self._before[key] for key, values in now.items()})
+        self._before = now
+        self._keep(moment, self.kept.probes)
+        rung = self._check()
         if self.board is not None:
             for kind, line in rung.items():
-                self.board.note(f"alarm: {kind}", line, step)
-            if step > last:
-                self.board.scalars(self._scalars(), step)
-        return f"{float(sample['collection_rate'].mean()):.2f} food/s", list(rung.values())
+                self.board.note(f"alarm: {kind}", line, self._step)
+            if self._step > last:
+                self.board.scalars(self._scalars(moment), self._step)
+        told = [probe.told.format(self._samples[probe.name][-1].mean()) for probe in self.kept.probes if probe.told]
+        return ", ".join(told), list(rung.values())
 
-    def _of_each(self, mean: Callable[[Projection], torch.Tensor]) -> torch.Tensor:
-        """[B, P]"""
-        if not self.followed:
-            return torch.zeros(self.simulation.trials, 0)
-        return torch.stack([mean(p) for p in self.followed], 1)
+    def _keep(self, moment: Moment, probes: Sequence[Probe]) -> None:
+        for probe in probes:
+            if not probe.outcome:
+                self._samples.setdefault(probe.name, []).append(probe.read(moment).cpu().numpy().copy())
 
-    def _scalars(self) -> dict[str, float]:
-        """Means over trials of the latest sample, by their tags."""
-        latest = {key: values[-1].mean(0).tolist() for key, values in self._samples.items() if key in SHOWN}
-        values = {
-            FOOD: float(self.simulation.situation.world.touches[:, 0].double().mean()),
-            RATE: latest["collection_rate"],
-        }
-        if self.learnt is not None:
-            values[CORRECT] = float(self.learnt().double().mean())
-        if "dopamine" in latest:
-            values[DOPAMINE] = latest["dopamine"]
-        roles: dict[str, list[float]] = {}
-        for projection, weight, eligibility in zip(self.followed, latest["weight"], latest["eligibility"], strict=True):
-            values[f"{WEIGHT}/{projection.name}"] = weight
-            values[f"{ELIGIBILITY}/{projection.name}"] = eligibility
-            roles.setdefault(projection.role, []).append(weight)
-        values |= {f"{OF_ROLE}/{role}": sum(means) / len(means) for role, means in roles.items()}
-        values |= {f"{FIRING}/{name}": rate for name, rate in zip(self.groups, latest["firing_rate"], strict=True)}
-        return values | {f"{ALARMS}/{kind}": count for kind, count in self.alarms.counts().items()}
+    def _check(self) -> dict[str, str]:
+        """The kinds of alarms that have occurred for the first time, and a line about each."""
+        if self.alarms is None:
+            return {}
+        weight = torch.from_numpy(np.stack(self._samples["weight"][:: -self._apart][:POINTS][::-1]))
+        return {kind: self.alarms.explain(kind) for kind in self.alarms.check(weight)}
 
-    def show(self, done: int) -> None:
-        """Write the histograms and pictures that are due after so many ticks."""
-        network, world = self.simulation.network, self.simulation.situation.world
-        seconds = int(network.time) / 1000.0
-        step = round(seconds)
+    def _scalars(self, moment: Moment) -> dict[str, float]:
+        """Means over trials of the latest sample, and the outcome so far, by their tags; trials by kind of alarm."""
+        values: dict[str, float] = {}
+        for probe in self.kept.probes:
+            if tags := probe.tags(self.simulation):
+                latest = probe.read(moment).cpu().numpy() if probe.outcome else self._samples[probe.name][-1]
+                values |= zip(tags, np.atleast_1d(latest.mean(0)).tolist(), strict=True)
+        alarms = {} if self.alarms is None else self.alarms.counts()
+        return values | {f"{ALARMS}/{kind}": count for kind, count in alarms.items()}
+
+    def point(self) -> None:
+        """Note where the first trial's robot is, for the next picture."""
+        self.film.keep_position(self.simulation.situation.world.position[0])
+
+    def histograms(self) -> None:
+        """Show how the weights of all trials are distributed."""
+        if self.board is not None:
+            self.board.histograms(self._step)
+
+    def picture(self) -> None:
+        """Show the first trial: where its robot has been, who has fired, its weights."""
         if self.board is None:
             return
-        if self.histograms and done % self.histograms == 0:
-            self.board.histograms(self.followed, step)
-        if self.film.due(done):
-            from snnrl.drawing import pictures  # matplotlib takes a while
+        from snnrl.drawing import pictures  # matplotlib takes a while
 
-            fired = self.film.fired.numpy()
-            shown = {
-                f"last {PATH // 1000} s in the arena": pictures.arena(world, self.film.path.numpy()),
-                "last spikes": pictures.spike_raster(network, fired, seconds - len(fired) / 1000.0),
-                "weights": pictures.weight_matrix(network, self.followed or list(network.projections.values())),
-            }
-            for tag, drawn in shown.items():
-                if drawn is not None:
-                    trial = int(network.draws.trials[0])
-                    self.board.picture(f"trial {trial}/{tag}", pictures.pixels(drawn), step)
+        network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
+        shown = {
+            f"last {PATH // 1000} s in the arena": pictures.arena(world, self.film.path.numpy()),
+            "last spikes": pictures.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
+            "weights": pictures.weight_matrix(network, self.followed or list(network.projections.values())),
+        }
+        for tag, drawn in shown.items():
+            if drawn is not None:
+                trial = int(network.draws.trials[0])
+                self.board.picture(f"trial {trial}/{tag}", pictures.pixels(drawn), self._step)
 
     def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
-        """Write series.npz, weights.npz and trials.csv, and close the events; returns means over trials, and alarms.
+        """Write series.npz, weights.npz and trials.csv, and close the events; returns the results, and the alarms.
 
-        series.npz holds `time` [T] (s), `collection_rate` [T, B] (items/s), `weight` and `eligibility`
-        [T, B, P] (means, absent synapses as zeros), `firing_rate` [T, B, G] (Hz), `dopamine` [T, B] (uM),
-        the robot's `position` [T, B, 2] (cm) and `heading` [T, B] (rad), its distance to the `nearest_item`
-        [T, B] (cm), and the names `projections` [P], `groups` [G] and the numbers `trials` [B]. Rates and
-        dopamine are means over the time since the sample before, the others values at the sample.
-        weights.npz holds for each of `projections` NAME its weights at the end, [B, n_pre, n_post] (mV),
+        series.npz holds for each of the `probes` NAME what it read, [T, ...] (see `snnrl.recording.probes`; without
+        the first sample where that is before the first tick and it reads what is between two), the names of the
+        `groups` [G] and the numbers of the `trials` [B], and what `Kept.end` adds.
+        weights.npz holds for each of the robot's `projections` NAME its weights at the end, [B, n_pre, n_post] (mV),
         nan where there is no synapse.
         """
         series = {key: np.stack(values) for key, values in self._samples.items()}
-        trials = self.simulation.network.draws.trials.cpu().numpy()
-        names = {
-            "projections": np.array([p.name for p in self.followed]),
-            "groups": np.array(self.groups),
-            "trials": trials,
-        }
-        folder, learnt = self.folder, None if self.learnt is None else self.learnt()
-        write(folder / "series.npz", _npz({**series, **names}))
-        write(folder / "weights.npz", _npz({p.name: _dense(p) for p in self.followed}))
-        write(folder / "trials.csv", self._table(trials, learnt))
+        ending, trials = self.kept.end(series), self.simulation.network.draws.trials.cpu().numpy()
+        names = {"groups": np.array(list(self.simulation.network.groups)), "trials": trials}
+        write(self.folder / "series.npz", npz_of({**series, **ending.arrays, **names}))
+        if self.kept.watched:
+            write(self.folder / "weights.npz", npz_of({p.name: _dense(p) for p in self.followed}))
+        for name, content in ending.pictures.items():
+            write(self.folder / name, content)
+        columns = {"trial": trials, **ending.columns}
+        rows = zip(*(map(_cell, values.tolist()) for values in columns.values()), strict=True)
+        write(self.folder / "trials.csv", csv_of(list(columns), rows))
         if self.board is not None:
             self.board.end()
-        food = self.simulation.situation.world.touches[:, 0].double()
-        results = {
-            "food_mean": float(food.mean()),
-            "food_sd": float(food.std()) if len(food) > 1 else None,
-            "correct_fraction": None if learnt is None else float(learnt.double().mean()),
-        }
-        return results, self.alarms.summary()
-
-    def _table(self, trials: np.ndarray, learnt: torch.Tensor | None) -> str:
-        text = io.StringIO()
-        weights = {p.name: p.mean_weight().tolist() for p in self.followed}
-        table = csv.writer(text, lineterminator="\n")
-        table.writerow(["trial", *TOUCHES, "correct", *weights])
-        touches = self.simulation.situation.world.touches.tolist()
-        for k, trial in enumerate(trials.tolist()):
-            row = [f"{values[k]:.6g}" for values in weights.values()]
-            table.writerow([trial, *touches[k], "" if learnt is None else int(learnt[k]), *row])
-        return text.getvalue()
+        return dict(ending.results), {} if self.alarms is None else self.alarms.summary()
 
 
-def _npz(arrays: dict[str, np.ndarray]) -> bytes:
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
-    return buffer.getvalue()
+def _cell(value: float) -> str:
+    """A number as trials.csv has it."""
+    return str(value) if isinstance(value, int) else "" if np.isnan(value) else f"{value:.6g}"
 
 
 def _dense(projection: Projection) -> np.ndarray:

@@ -24,7 +24,7 @@ from snnrl.configuration.loader import guarded
 from snnrl.configuration.refusals import Refusal, reason
 from snnrl.errors import ConfigError
 from snnrl.files import FolderError
-from snnrl.running.job import Interrupted
+from snnrl.running.signals import Interrupted
 
 BAD_INPUT = (ConfigError, FolderError, HydraException, OmegaConfBaseException)
 

@@ -1,0 +1,258 @@
+"""Probes: what is read of a simulation at every sample. One more is one function, and one entry in a list below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from snnrl.body.robot import Robot
+from snnrl.model.synapses import DOPAMINE, Projection
+from snnrl.simulation import Simulation
+from snnrl.tasks.task import Task
+
+WEIGHT, ELIGIBILITY = "weight, mV", "eligibility"  # tags of the probes of those names
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A simulation at a sample.
+
+    Attributes:
+        simulation: as it is now.
+        change: what `counts` gave, less what it gave at the sample before.
+    """
+
+    simulation: Simulation[Any]
+    change: Mapping[str, Tensor]
+
+    @property
+    def ms(self) -> int:
+        """Since the sample before."""
+        return int(self.change["ms"])
+
+    @property
+    def world(self) -> Any:
+        """Of a robot."""
+        return self.simulation.situation.world
+
+
+def any_network(simulation: Simulation[Any]) -> bool:
+    return True
+
+
+def is_robot(simulation: Simulation[Any]) -> bool:
+    return isinstance(simulation.situation, Robot)
+
+
+def robot_has_dopamine(simulation: Simulation[Any]) -> bool:
+    return is_robot(simulation) and simulation.network.dopamine is not None
+
+
+def is_task(simulation: Simulation[Any]) -> bool:
+    return isinstance(simulation.situation, Task)
+
+
+def task_has_dopamine(simulation: Simulation[Any]) -> bool:
+    return is_task(simulation) and simulation.network.dopamine is not None
+
+
+def has_coincidence(simulation: Simulation[Any]) -> bool:
+    return is_task(simulation) and simulation.situation.coincidence is not None
+
+
+def has_stimuli(simulation: Simulation[Any]) -> bool:
+    return is_task(simulation) and simulation.situation.stimuli is not None
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What is read, and how it is told of.
+
+    Attributes:
+        name: of its array in series.npz, whose first dimension are the T samples.
+        read: its values at a moment.
+        shape: of these values, and their unit, in words; B trials, G groups, P projections with a role, K stimuli. A
+            sum is since the start.
+        of: which simulations it applies to.
+        between: whether they are of the time since the sample before, so that there are none at the start.
+        tag: what TensorBoard calls their mean over trials; "" where it does not show them.
+        parts: names of their last dimension, which follow the tag; None for one value a trial.
+        outcome: whether this is what the run has come to so far: TensorBoard's measure of the run, and no series.
+        told: how a line of progress tells their mean; "" where it does not.
+    """
+
+    name: str
+    read: Callable[[Moment], Tensor]
+    shape: str
+    of: Callable[[Simulation[Any]], bool] = any_network
+    between: bool = False
+    tag: str = ""
+    parts: Callable[[Simulation[Any]], list[str]] | None = None
+    outcome: bool = False
+    told: str = ""
+
+    def tags(self, simulation: Simulation[Any]) -> list[str]:
+        """One for each of the last dimension."""
+        if self.parts is None:
+            return [self.tag] if self.tag else []
+        return [f"{self.tag}/{part}" for part in self.parts(simulation)]
+
+
+def counts(simulation: Simulation[Any]) -> dict[str, Tensor]:
+    """What only ever grows: ms, spikes by group, the sum of dopamine's level over all ms, and a robot's touches."""
+    network, situation = simulation.network, simulation.situation
+    found = {"ms": network.time, "spikes": network.spike_count}
+    if isinstance(situation, Robot):
+        found["touches"] = situation.world.touches
+    if network.dopamine is not None:
+        found["dopamine"] = network.dopamine.total
+    return {key: values.cpu().clone() for key, values in found.items()}
+
+
+def groups(simulation: Simulation[Any]) -> list[str]:
+    return list(simulation.network.groups)
+
+
+def followed(simulation: Simulation[Any]) -> list[Projection]:
+    """The projections that have a role."""
+    return [projection for projection in simulation.network.projections.values() if projection.role]
+
+
+def names(simulation: Simulation[Any]) -> list[str]:
+    return [projection.name for projection in followed(simulation)]
+
+
+def time(moment: Moment) -> Tensor:
+    return torch.tensor(moment.simulation.seconds)
+
+
+def firing_rate(moment: Moment) -> Tensor:
+    sizes = torch.tensor([group.size for group in moment.simulation.network.groups.values()])
+    return moment.change["spikes"] / (sizes * (moment.ms / 1000.0))
+
+
+def weight(moment: Moment) -> Tensor:
+    return _of_each(moment, Projection.mean_weight)
+
+
+def eligibility(moment: Moment) -> Tensor:
+    return _of_each(moment, Projection.mean_eligibility)
+
+
+def _of_each(moment: Moment, mean: Callable[[Projection], Tensor]) -> Tensor:
+    found = [mean(projection).float() for projection in followed(moment.simulation)]
+    return torch.stack(found, 1) if found else torch.zeros(moment.simulation.trials, 0)
+
+
+def mean_dopamine(moment: Moment) -> Tensor:
+    return (moment.change["dopamine"] / moment.ms).float()
+
+
+def food(simulation: Simulation[Any]) -> Tensor:
+    """Items that each robot has taken since the start, int64 [B]."""
+    return simulation.situation.world.touches[:, 0]
+
+
+def collection_rate(moment: Moment) -> Tensor:
+    return moment.change["touches"][:, 0] / (moment.ms / 1000.0)
+
+
+def position(moment: Moment) -> Tensor:
+    return moment.world.position.float()
+
+
+def heading(moment: Moment) -> Tensor:
+    return moment.world.heading.float()
+
+
+def nearest_item(moment: Moment) -> Tensor:
+    return moment.world.nearest_item().float()
+
+
+def rewards(moment: Moment) -> Tensor:
+    return moment.simulation.situation.reward.given
+
+
+def dopamine(moment: Moment) -> Tensor:
+    return moment.simulation.network.modulators[DOPAMINE].level
+
+
+def other_weights(simulation: Simulation[Any]) -> list[Tensor]:
+    """Plastic weights of each trial but that of the synapse that a task watches, B tensors."""
+    network, coincidence = simulation.network, simulation.situation.coincidence
+    table = network.synapses
+    use = torch.ones(table.plastic, dtype=torch.bool, device=network.device)
+    if coincidence is not None and int(coincidence.synapse.max()) < table.plastic:
+        use[coincidence.synapse] = False
+    values, trial = table.weight[: table.plastic], table.trial[: table.plastic]
+    return [values[use & (trial == k)] for k in range(network.trials)]
+
+
+def mean_weight(moment: Moment) -> Tensor:
+    return _of_others(moment, torch.mean)
+
+
+def max_weight(moment: Moment) -> Tensor:
+    return _of_others(moment, torch.amax)
+
+
+def _of_others(moment: Moment, function: Callable[[Tensor], Tensor]) -> Tensor:
+    found = other_weights(moment.simulation)
+    return torch.stack([function(values) if len(values) else values.new_tensor(torch.nan) for values in found])
+
+
+def chosen_weight(moment: Moment) -> Tensor:
+    return moment.simulation.network.synapses.weight[moment.simulation.situation.coincidence.synapse]
+
+
+def coincidences(moment: Moment) -> Tensor:
+    return moment.simulation.situation.coincidence.count
+
+
+def presented(moment: Moment) -> Tensor:
+    return moment.simulation.situation.stimuli.presented
+
+
+def response(moment: Moment) -> Tensor:
+    return moment.simulation.situation.stimuli.response
+
+
+PROBES = (
+    Probe("time", time, "one for all, s"),
+    Probe(
+        "collection_rate",
+        collection_rate,
+        "[B], items/s",
+        of=is_robot,
+        between=True,
+        tag="behaviour/collection rate, items per s",
+        told="{:.2f} food/s",
+    ),
+    Probe("firing_rate", firing_rate, "[B, G], Hz", between=True, tag="firing rate, Hz", parts=groups),
+    Probe("weight", weight, "[B, P], mV, absent synapses as zeros", of=is_robot, tag=WEIGHT, parts=names),
+    Probe("eligibility", eligibility, "[B, P], absent ones as zeros", of=is_robot, tag=ELIGIBILITY, parts=names),
+    Probe("position", position, "[B, 2], cm", of=is_robot),
+    Probe("heading", heading, "[B], rad", of=is_robot),
+    Probe("nearest_item", nearest_item, "[B], cm, distance from the robot", of=is_robot),
+    Probe("dopamine", mean_dopamine, "[B], uM", of=robot_has_dopamine, between=True, tag="dopamine/mean level, uM"),
+    Probe(
+        "food", lambda moment: food(moment.simulation), "[B]", of=is_robot, tag="behaviour/food, items", outcome=True
+    ),
+    Probe("rewards", rewards, "[B], sum", of=is_task, tag="task/rewards", told="{:.1f} rewards"),
+    Probe("dopamine", dopamine, "[B], uM", of=task_has_dopamine, tag="task/dopamine"),
+    Probe("mean_weight", mean_weight, "[B], mV, of plastic synapses not watched", of=is_task, tag="task/mean_weight"),
+    Probe("chosen_weight", chosen_weight, "[B], mV, of the watched one", of=has_coincidence, tag="task/chosen_weight"),
+    Probe("max_weight", max_weight, "[B], mV, of those not watched", of=has_coincidence, tag="task/max_weight"),
+    Probe("coincidences", coincidences, "[B], sum", of=has_coincidence, tag="task/coincidences"),
+    Probe("presented", presented, "[B, K], sum", of=has_stimuli),
+    Probe("response", response, "[B, K], spikes, sum", of=has_stimuli),
+)
+
+
+def probes_of(simulation: Simulation[Any]) -> list[Probe]:
+    """Those that apply to a simulation."""
+    return [probe for probe in PROBES if probe.of(simulation)]

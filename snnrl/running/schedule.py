@@ -1,0 +1,100 @@
+"""When things are due in a run: all that happens every so often, in control ticks from its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from snnrl.configuration.schema import Config
+from snnrl.recording.film import stretch
+
+NEVER = 1 << 60
+
+
+def ticks_of(seconds: float | None, tick: int) -> int:
+    """Whole ticks (ms each) of an interval, at least one; 0 for none."""
+    return max(1, round(1000 * seconds / tick)) if seconds else 0
+
+
+@dataclass(frozen=True)
+class Every:
+    """Every so many `ticks` from `first` on; never if that is 0."""
+
+    ticks: int
+    first: int = 0
+
+    def left(self, done: int) -> int:
+        """Ticks until it is due next."""
+        if not self.ticks:
+            return NEVER
+        return self.first - done if done < self.first else self.ticks - (done - self.first) % self.ticks
+
+    def due(self, done: int) -> bool:
+        return self.ticks > 0 and done >= self.first and (done - self.first) % self.ticks == 0
+
+
+@dataclass(frozen=True)
+class Due:
+    """What is due after a tick: to note where the robot is, a sample, histograms, a picture, a checkpoint."""
+
+    point: bool
+    sample: bool
+    histograms: bool
+    picture: bool
+    checkpoint: bool
+
+
+class Schedule:
+    """What is due when, from the intervals of a configuration.
+
+    At the end of a run there is a sample and, where there are pictures, a picture too. Before each picture some ticks
+    are filmed: who fires, and every so often where the robot is.
+
+    Args:
+        config: of the run.
+        tick: ms.
+        watched: whether there are histograms and pictures; only with events.
+
+    Attributes:
+        end: the last tick.
+    """
+
+    def __init__(self, config: Config, tick: int, watched: bool) -> None:
+        record = config.record
+        shown = watched and record.tensorboard
+        self.end = ticks_of(config.seconds, tick)
+        self.samples = Every(ticks_of(record.every, tick), round(1000 * record.start / tick))
+        self.histograms, self.pictures = (
+            Every(ticks_of(seconds, tick) if shown else 0) for seconds in (record.histograms, record.pictures)
+        )
+        self.checkpoints = Every(ticks_of(config.checkpoint.every, tick))
+        self._stretch, self._step = stretch(tick)
+
+    def left(self, done: int) -> int:
+        """How many ticks there are after `done` until the next thing is due, or filming begins."""
+        intervals = (self.samples, self.histograms, self.checkpoints)
+        return min(self.end - done, self._unfilmed(done), *(interval.left(done) for interval in intervals))
+
+    def _unfilmed(self, done: int) -> int:
+        """Ticks until filming begins or, while it goes on, until the next point of the path."""
+        picture = self._picture(done)
+        return picture - self._stretch if picture > self._stretch else picture % self._step or self._step
+
+    def _picture(self, done: int) -> int:
+        """Ticks until the next picture."""
+        return min(self.pictures.left(done), self.end - done) if self.pictures.ticks else NEVER
+
+    def filmed(self, done: int) -> bool:
+        """Whether the ticks after `done`, as many as are `left`, are filmed."""
+        return self._picture(done) <= self._stretch
+
+    def due(self, done: int) -> Due:
+        """What is due after `done` ticks, at least one."""
+        at_end = done == self.end
+        picture = self.pictures.due(done) or (at_end and self.pictures.ticks > 0)
+        return Due(
+            point=self.filmed(done - 1) and (picture or self._picture(done) % self._step == 0),
+            sample=self.samples.due(done) or at_end,
+            histograms=self.histograms.due(done),
+            picture=picture,
+            checkpoint=self.checkpoints.due(done),
+        )
