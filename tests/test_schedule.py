@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from helpers import compose_config
 
-from snnrl.recording.film import stretch
+from snnrl.recording.film import spacing
 from snnrl.running.schedule import NEVER, Every, Schedule, ticks_of
 
 TICK = 70  # ms
@@ -65,7 +65,7 @@ def test_sampling_begins_where_it_is_told() -> None:
 
 def test_before_a_picture_there_is_a_film_with_a_point_every_so_often() -> None:
     """Pictures after 200 ticks and at the end, 260: each ends 28 points of 5 ticks, or what there is of them."""
-    assert stretch(TICK) == (140, 5)
+    assert spacing(TICK) == (5, 28)
     plan = schedule("seconds=18.2", "record.every=70", "record.pictures=14", "record.histograms=0")
     assert walk(plan) == [60, *range(65, 261, 5)]
     assert [plan.filmed(done) for done in (0, 59, 60, 199, 200, 259)] == [False, False, True, True, True, True]

@@ -13,10 +13,10 @@ from snnrl.model.network import Network
 PATH, STEP, SPIKES = 10_000, 400, 1000  # ms: of path, between its points, of spikes
 
 
-def stretch(tick: int) -> tuple[int, int]:
-    """How many ticks (of that many ms) before a picture are filmed, and how many lie between two points of the path."""
+def spacing(tick: int) -> tuple[int, int]:
+    """How many ticks (of that many ms) there are between two points of the path, and how many points it has."""
     step = max(1, STEP // tick)
-    return step * max(1, PATH // (step * tick)), step
+    return step, max(1, PATH // (step * tick))
 
 
 class Film:
@@ -52,7 +52,8 @@ class Film:
 
     def keep_position(self, position: Tensor) -> None:
         """Where the robot is, [2], cm."""
-        self.path = torch.cat([self.path, position[None].cpu()])[-stretch(self.tick)[0] :]
+        _, points = spacing(self.tick)
+        self.path = torch.cat([self.path, position[None].cpu()])[-points:]
 
     def forget(self) -> None:
         """Begin anew: what is run now is not filmed."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from snnrl.configuration.schema import Config
-from snnrl.recording.film import stretch
+from snnrl.recording.film import spacing
 
 NEVER = 1 << 60
 
@@ -67,7 +67,8 @@ class Schedule:
             Every(ticks_of(seconds, tick) if shown else 0) for seconds in (record.histograms, record.pictures)
         )
         self.checkpoints = Every(ticks_of(config.checkpoint.every, tick))
-        self._stretch, self._step = stretch(tick)
+        self._step, points = spacing(tick)
+        self._stretch = self._step * points
 
     def left(self, done: int) -> int:
         """How many ticks there are after `done` until the next thing is due, or filming begins."""
