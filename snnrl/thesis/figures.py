@@ -2,33 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 
 import numpy as np
-import torch
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from snnrl.configuration.builder import build
-from snnrl.configuration.compose import compose
-from snnrl.configuration.schema import Config
+from snnrl.body.world import World
 from snnrl.drawing import style
 from snnrl.drawing.pictures import draw_world
 from snnrl.drawing.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, PUBLISHED, ROBOTS, band, figure, mark
-from snnrl.engines import make_engine
 from snnrl.recording.criteria import LEAD, STRENGTH
 from snnrl.recording.runs import Run
 from snnrl.thesis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, pathways, smooth, taxis
 from snnrl.thesis.dampening import dampened
-from snnrl.thesis.methods import Coincidence, coincidence, pair_eligibility, sensor_encoding, stdp_window
+from snnrl.thesis.methods import Coincidence, Window
 from snnrl.thesis.published import published
 
 RATE = "collection rate (items/s)"
 WEIGHT = "mean weight (mV)"
 ELIGIBILITY = "mean eligibility (mV/(uM ms))"
 SMOOTH = 0.5  # s, of firing rates
-START, GAP = 30, 2  # ms, of the pair of spikes whose eligibility is drawn
 
 
 def interval(run: Run) -> float:
@@ -371,23 +366,25 @@ def dampening(runs: Runs) -> Figure:
     return drawn
 
 
-def window(_: Runs) -> Figure:
+def window(seen: Window) -> Figure:
     drawn, axes = figure(1, 2, height=2.8)
-    config = compose("+experiment=food_attraction", "trials=1")
-    times, change = stdp_window(config)
+    times, change, eligibility = seen.times, seen.change, seen.eligibility
     for part, colour in ((change >= 0, ATTRACTION), (change < 0, AVOIDANCE)):
         axes[0].plot(times[part], change[part], color=colour)
     axes[0].set(xlabel=r"$t_{post} - t_{pre}$ (ms)", ylabel="change of eligibility (mV/(uM ms))", title="STDP window")
-    eligibility = pair_eligibility(config, np.array([START]), np.array([START + GAP]), 1500)
     axes[1].plot(np.arange(len(eligibility)) / 1000, eligibility, color=ATTRACTION)
     axes[1].set(
-        xlabel="time (s)", ylabel="eligibility (mV/(uM ms))", title=f"after one pair, {GAP} ms apart", ylim=(0, None)
+        xlabel="time (s)",
+        ylabel="eligibility (mV/(uM ms))",
+        title=f"after one pair, {seen.gap} ms apart",
+        ylim=(0, None),
     )
     return drawn
 
 
-def encoding(_: Runs) -> Figure:
-    values, raster = sensor_encoding(compose("+experiment=food_attraction", "robot=random_walk", "trials=1"))
+def encoding(seen: tuple[np.ndarray, np.ndarray]) -> Figure:
+    """Values of a sensor [T] and the spikes [T, n] that they make, by ms."""
+    values, raster = seen
     drawn, axes = figure(2, 1, height=3.6, sharex=True, height_ratios=(1, 3))
     time = np.arange(len(values)) / 1000
     axes[0].plot(time, values, color=OTHER)
@@ -432,21 +429,16 @@ def orbit_path(runs: Runs) -> Figure:
     return drawn
 
 
-def environments(_: Runs) -> Figure:
+def environments(worlds: Mapping[str, World]) -> Figure:
     drawn, axes = figure(1, 3, width=7.2, height=2.8)
-    titles = {
-        "food_attraction": "food",
-        "secondary_behaviour": "food containers",
-        "secondary_stimulus": "and empty ones",
-    }
-    for axis, (experiment, title) in zip(axes, titles.items(), strict=True):
-        draw_world(axis, build(compose(f"+experiment={experiment}", "trials=1")).situation.world)
+    for axis, (title, world) in zip(axes, worlds.items(), strict=True):
+        draw_world(axis, world)
         axis.set(title=title)
     axes[0].set(ylabel="y (cm)")
     return drawn
 
 
-def draw_coincidence(found: Coincidence | None, before: int) -> Figure | None:
+def coincidence(found: Coincidence | None) -> Figure | None:
     """Spikes, eligibility, dopamine and weight of one synapse."""
     if found is None:
         return None
@@ -467,15 +459,3 @@ def draw_coincidence(found: Coincidence | None, before: int) -> Figure | None:
             axis.axvline(time[at], color=FOOD, linewidth=1.0)
     axes[3].set(xlabel="time (s); food taken: green line", xlim=(time[0], time[-1]))
     return drawn
-
-
-def chance(robot: str, touch: str, rewarded: bool) -> Callable[[Runs], Figure | None]:
-    """Draws the first chance coincidence in the first trial of secondary_stimulus."""
-
-    def draw(_: Runs) -> Figure | None:
-        config: Config = compose("+experiment=secondary_stimulus", f"robot={robot}", "trials=1", "seconds=300")
-        with torch.no_grad():
-            found = coincidence(config, make_engine("auto", config.device), touch, rewarded, 500, 2000)
-        return draw_coincidence(found, 500)
-
-    return draw

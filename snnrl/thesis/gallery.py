@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 from matplotlib.figure import Figure
 
 from snnrl.configuration.compose import compose
 from snnrl.drawing import style
 from snnrl.recording.criteria import LEAD, STRENGTH
-from snnrl.thesis import figures, fit
+from snnrl.thesis import figures, fit, methods
 from snnrl.thesis.claims import FIVE_ROBOTS, Runs
 from snnrl.thesis.dampening import dampened
 from snnrl.thesis.figures import SMOOTH, failure, interval, length, switch, window_of
@@ -29,6 +31,11 @@ class Drawing:
     def told(self, runs: Runs) -> str:
         """The caption."""
         return self.caption if isinstance(self.caption, str) else self.caption(runs)
+
+
+def measured(draw: Callable[[Any], Figure | None], measure: Callable[[], Any]) -> Callable[[Runs], Figure | None]:
+    """How to draw what is measured on the model and not read from runs."""
+    return lambda _: draw(measure())
 
 
 def poison_caption(runs: Runs) -> str:
@@ -107,21 +114,21 @@ DRAWINGS = (
         "3.1",
         "The three worlds at the start of trial 0: item discs, containers, robot.",
         (),
-        figures.environments,
+        measured(figures.environments, methods.environments),
     ),
     Drawing(
         "sensor_encoding",
         "3.5",
         encoding_caption,
         (),
-        figures.encoding,
+        measured(figures.encoding, methods.encoding),
     ),
     Drawing(
         "stdp_window",
         "3.7",
         "The STDP window, and the eligibility of one synapse after one pair of spikes.",
         (),
-        figures.window,
+        measured(figures.window, methods.window),
     ),
     Drawing(
         "coincidence_food",
@@ -129,7 +136,7 @@ DRAWINGS = (
         "How the food container's touch comes to release dopamine: a chance pair of spikes is still "
         "eligible when food is taken.",
         ("secondary_stimulus/learning",),
-        figures.chance("learning", "food_container", True),
+        measured(figures.coincidence, partial(methods.chance, "learning", "food_container", True)),
     ),
     Drawing(
         "dampening",
@@ -254,7 +261,7 @@ DRAWINGS = (
         "Without the threshold a chance pair at an empty container releases dopamine itself and "
         "strengthens its own synapse.",
         ("secondary_stimulus/no_burst_threshold",),
-        figures.chance("no_burst_threshold", "empty_container", False),
+        measured(figures.coincidence, partial(methods.chance, "no_burst_threshold", "empty_container", False)),
     ),
     Drawing("robots_rates", "4.5", "Food collected per s by the five robots.", FIVE, figures.robots_rates),
     Drawing(

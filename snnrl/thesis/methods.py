@@ -1,4 +1,7 @@
-"""What single parts of the model do, measured on the model itself: windows, pulses, coincidences of two neurons."""
+"""What single parts of the model do, measured on the model itself: windows, pulses, coincidences of two neurons.
+
+Measurements step networks; figures of them are in `snnrl.thesis.figures`.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,52 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from snnrl.body.world import World
 from snnrl.configuration.builder import DTYPES, build, build_network
+from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
-from snnrl.engines import Engine
+from snnrl.engines import Engine, make_engine
 from snnrl.model.draws import Draws
 from snnrl.simulation import Simulation
 
 SURE = 200.0  # current of one ms that makes a neuron at rest fire at once
 PAIR = 20  # ms within which a dopaminergic spike after a touch makes a coincidence: tau+
 CHANCE = 3  # dopaminergic spikes in that time at most: background firing, not an answer to the touch
+
+
+def environments() -> dict[str, World]:
+    """The three worlds (thesis 3.1) at the start of trial 0, by what each adds."""
+    added = {
+        "food": "food_attraction",
+        "food containers": "secondary_behaviour",
+        "and empty ones": "secondary_stimulus",
+    }
+    return {
+        name: build(compose(f"+experiment={experiment}", "trials=1")).situation.world
+        for name, experiment in added.items()
+    }
+
+
+@dataclass(frozen=True)
+class Window:
+    """STDP on one synapse.
+
+    Attributes:
+        times: t_post - t_pre (ms), [n]. change: of eligibility by one pair of spikes, [n].
+        gap: ms from the presynaptic to the postsynaptic spike of the pair after which `eligibility` is, by ms, [T].
+    """
+
+    times: np.ndarray
+    change: np.ndarray
+    gap: int
+    eligibility: np.ndarray
+
+
+def window(start: int = 30, gap: int = 2, end: int = 1500) -> Window:
+    """That of food attraction; the pair's presynaptic spike is at `start`, and it is followed up to `end` (ms)."""
+    config = compose("+experiment=food_attraction", "trials=1")
+    after = pair_eligibility(config, np.array([start]), np.array([start + gap]), end)
+    return Window(*stdp_window(config), gap, after)
 
 
 def stdp_window(config: Config, reach: int = 300) -> tuple[np.ndarray, np.ndarray]:
@@ -60,6 +100,11 @@ def _one_synapse(network: NetworkConfig) -> NetworkConfig:
     )
 
 
+def encoding() -> tuple[np.ndarray, np.ndarray]:
+    """What `sensor_encoding` gives for a robot that only explores."""
+    return sensor_encoding(compose("+experiment=food_attraction", "robot=random_walk", "trials=1"))
+
+
 def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, np.ndarray]:
     """Value of the left food sensor, raised from 0 to 1, by ms [T], and its neurons' spikes [T, n]."""
     simulation = build(config)
@@ -95,6 +140,13 @@ class Coincidence:
     dopamine: np.ndarray
     at: int
     food: np.ndarray
+
+
+def chance(robot: str, touch: str, rewarded: bool) -> Coincidence | None:
+    """The first chance coincidence in the first trial of a robot of secondary_stimulus; see `coincidence`."""
+    config = compose("+experiment=secondary_stimulus", f"robot={robot}", "trials=1", "seconds=300")
+    with torch.no_grad():
+        return coincidence(config, make_engine("auto", config.device), touch, rewarded, 500, 2000)
 
 
 def coincidence(
