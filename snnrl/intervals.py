@@ -27,7 +27,8 @@ def student(values: Any) -> tuple[float, float]:
 
 
 def wilson(p: float, n: float) -> tuple[float, float]:
-    """Wilson's interval of a fraction p of n trials; n may be infinite."""
+    """Wilson's interval of a fraction p of n trials, from 0.0 for none, up to 1.0 for all; n may be infinite."""
     z = float(ndtri(QUANTILE))
-    centre, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
-    return max(0.0, (centre - half) / (1 + z * z / n)), min(1.0, (centre + half) / (1 + z * z / n))
+    part = z / (2 * n)
+    shift, half = z * part, z * math.sqrt(p * (1 - p) / n + part * part)
+    return (p + (shift - half)) / (1 + 2 * shift), (p + (shift + half)) / (1 + 2 * shift)
