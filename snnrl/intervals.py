@@ -27,7 +27,10 @@ def student(values: Any) -> tuple[float, float]:
 
 
 def wilson(p: float, n: float) -> tuple[float, float]:
-    """Wilson's interval of a fraction p of n trials, from 0.0 for none, up to 1.0 for all; n may be infinite."""
+    """Wilson's interval of a fraction p of n trials; it begins at 0 exactly for none, and ends at 1 for all.
+
+    `n` may be infinite.
+    """
     z = float(ndtri(QUANTILE))
     part = z / (2 * n)
     shift, half = z * part, z * math.sqrt(p * (1 - p) / n + part * part)

@@ -34,7 +34,7 @@ def importers(module: str) -> set[str]:
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
     configuration = {f"configuration/{name}.py" for name in ("compose", "loader", "refusals")}
-    commands = {"running/command.py", "run.py", "agents/baselines.py"}
+    commands = {"running/command.py", "running/jobs.py", "agents/baselines.py"}
     assert importers("hydra") == configuration | commands
     assert importers("optuna") == {"thesis/calibrate.py", "thesis/search.py"}
     assert importers("omegaconf") == configuration | commands | {"configuration/schema.py"}

@@ -11,7 +11,7 @@ import pytest
 from omegaconf import DictConfig, OmegaConf
 
 from snnrl.configuration.compose import load
-from snnrl.run import share
+from snnrl.running.jobs import share
 
 SWEEP = ["-m", "+experiment=food_attraction", "trials=1", "seconds=2"]
 REASON = "network.dopamine.delay=0: must be at least 1 and at most 1000"
