@@ -21,6 +21,10 @@ class Simulation(nn.Module, Generic[S]):
         super().__init__()
         self.network, self.situation = network, situation
 
+    def run(self, engine: Engine, ticks: int, raster: Tensor | None = None) -> None:
+        """As many ticks on an engine; see `snnrl.engines.Engine.run`."""
+        engine.run(self.network, self.situation, ticks, raster)
+
     @property
     def trials(self) -> int:
         return self.network.trials
@@ -34,7 +38,3 @@ class Simulation(nn.Module, Generic[S]):
     def seconds(self) -> float:
         """Simulated so far."""
         return int(self.network.time) / 1000.0
-
-    def run(self, engine: Engine, ticks: int, raster: Tensor | None = None) -> None:
-        """As many ticks on an engine; see `snnrl.engines.Engine.run`."""
-        engine.run(self.network, self.situation, ticks, raster)

@@ -110,11 +110,11 @@ def test_a_task_has_its_rewards(runs: Path, tasks: Path) -> None:
 
 
 def test_a_column_for_what_was_chosen_and_what_differs() -> None:
-    def run(robot: str, settings: dict[str, Any], *overrides: str) -> merge.Run:
+    def run(robot: str, settings: dict[str, Any], *overrides: str) -> merge.Shard:
         everything = {"network.dopamine.tau": 25.0, "seed": 0, "world.side": 300.0, "world.axle": 1.0, **settings}
         known = {key: value for key, value in everything.items() if value is not ...}
         chosen = merge.choices(overrides, known)
-        return merge.Run(Path(), "food_attraction", robot, 20.0, known, chosen, "food", {0: 1.0}, {}, 0.0)
+        return merge.Shard(Path(), "food_attraction", robot, 20.0, known, chosen, "food", {0: 1.0}, {}, 0.0)
 
     plain, other, learning = run("walk", {}), run("walk", {"seed": 1}), run("learning", {"network.dopamine.tau": 9.0})
     assert merge.columns([plain]) == merge.columns([plain, plain]) == []

@@ -8,6 +8,8 @@ from torch import Tensor
 
 from snnrl.model.network import Network
 
+Given = Tensor | None  # or left out
+
 
 class Situation(Protocol):
     """What a network is in, a robot or a task: what drives it, and what its spikes do; a module with its state.
@@ -46,11 +48,6 @@ class Engine(Protocol):
         """
 
     def run_network(
-        self,
-        network: Network,
-        injected: Tensor,
-        sign: Tensor | None = None,
-        raster: Tensor | None = None,
-        reward: Tensor | None = None,
+        self, network: Network, injected: Tensor, sign: Given = None, raster: Given = None, reward: Given = None
     ) -> None:
         """Open loop: `Network.run`."""

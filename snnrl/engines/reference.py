@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
-from snnrl.engines.interface import Engine, Situation
+from snnrl.engines.interface import Engine, Given, Situation
 from snnrl.model.network import Network
 
 
@@ -34,12 +34,7 @@ class ReferenceEngine:
         run_ticks(self, network, situation, ticks, raster)
 
     def run_network(
-        self,
-        network: Network,
-        injected: Tensor,
-        sign: Tensor | None = None,
-        raster: Tensor | None = None,
-        reward: Tensor | None = None,
+        self, network: Network, injected: Tensor, sign: Given = None, raster: Given = None, reward: Given = None
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.run(injected, sign, raster, reward)

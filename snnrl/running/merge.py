@@ -36,8 +36,8 @@ SCORES = ("food", "rewards")  # of a robot, of a task
 
 
 @dataclass(frozen=True)
-class Run:
-    """A complete run.
+class Shard:
+    """A complete run, as a part of a row.
 
     Attributes:
         seconds: simulated, of each trial.
@@ -75,7 +75,7 @@ def run_folders(paths: Iterable[Path]) -> list[Path]:
     return list(found)
 
 
-def read(folder: Path) -> Run | None:
+def read(folder: Path) -> Shard | None:
     """The run in a folder; None if it is not complete.
 
     Raises:
@@ -99,7 +99,7 @@ def read(folder: Path) -> Run | None:
     trials = range(config.trial_start, config.trial_start + config.trials)
     if [int(row["trial"]) for row in rows] != list(trials):
         raise FolderError(f"{folder}: trials.csv does not hold the trials {trials[0]} to {trials[-1]}")
-    return Run(folder, *names, known, chosen, score, values, correct, ended)
+    return Shard(folder, *names, known, chosen, score, values, correct, ended)
 
 
 def _is_left_out(key: str) -> bool:
@@ -121,7 +121,7 @@ def choices(overrides: Iterable[str], settings: dict[str, Any]) -> dict[str, Any
     return chosen
 
 
-def columns(runs: Sequence[Run]) -> list[str]:
+def columns(runs: Sequence[Shard]) -> list[str]:
     """The keys that runs were given, or in which those of one experiment and robot differ."""
     found = {key for run in runs for key in run.chosen}
     for alike in _grouped(runs, lambda run: (run.experiment, run.robot)):
@@ -131,14 +131,14 @@ def columns(runs: Sequence[Run]) -> list[str]:
     return sorted(found - set(NAMED))
 
 
-def _grouped(runs: Iterable[Run], key: Callable[[Run], Hashable]) -> list[list[Run]]:
-    groups: dict[Hashable, list[Run]] = {}
+def _grouped(runs: Iterable[Shard], key: Callable[[Shard], Hashable]) -> list[list[Shard]]:
+    groups: dict[Hashable, list[Shard]] = {}
     for run in runs:
         groups.setdefault(key(run), []).append(run)
     return list(groups.values())
 
 
-def merge(runs: Sequence[Run], latest: bool) -> dict[str, Any]:
+def merge(runs: Sequence[Shard], latest: bool) -> dict[str, Any]:
     """What the table says of the shards of one cell, but for its settings.
 
     Args:
@@ -147,7 +147,7 @@ def merge(runs: Sequence[Run], latest: bool) -> dict[str, Any]:
     Raises:
         FolderError: two of them have the same trial, and which of them counts is not said.
     """
-    owner: dict[int, Run] = {}
+    owner: dict[int, Shard] = {}
     for run in sorted(runs, key=lambda run: run.ended):
         for trial in run.values:
             if trial in owner and not latest:
@@ -189,11 +189,11 @@ def collect(paths: Iterable[Path], latest: bool = False) -> tuple[list[dict[str,
     keys = columns(runs)
     tables = {key for key in keys for run in runs for name in run.settings if name.startswith(f"{key}.")}
 
-    def chosen(run: Run, key: str) -> Any:
+    def chosen(run: Shard, key: str) -> Any:
         value = run.chosen.get(key, run.settings.get(key))
         return "null" if value is None and key in tables and key in run.settings else value
 
-    rows, told = [], dict[str, Run]()
+    rows, told = [], dict[str, Shard]()
     for cell in _grouped(runs, lambda run: (run.experiment, run.robot, json.dumps(run.settings, sort_keys=True))):
         merged = {key: next((v for run in cell if (v := chosen(run, key)) is not None), None) for key in keys}
         first = cell[0]

@@ -124,22 +124,28 @@ def smooth(values: np.ndarray, width: int) -> np.ndarray:
     return np.asarray((total[end] - total[start]) / (end - start).reshape(-1, *[1] * (values.ndim - 1)))
 
 
+def lead(more: np.ndarray, less: np.ndarray) -> tuple[float, float, float]:
+    """By how much the mean of one sample exceeds another's, and Welch's interval of that."""
+    return (float(more.mean() - less.mean()), *welch(Sample.of(more), Sample.of(less)))
+
+
+def above_zero(section: str, statement: str, measured: str, found: tuple[float, float, float], unit: str) -> Claim:
+    """A claim that holds where the whole interval of what was found (value, low, high) is above 0."""
+    return Claim(section, statement, measured, *found, unit, "interval above 0", found[1] > 0)
+
+
 def hunger_breaks_orbits(runs: Runs) -> Claim:
     with_, without = (
         Share(int(np.isfinite(escapes(runs[f"orbit/{robot}"])).sum()), len(runs[f"orbit/{robot}"].series["trials"]))
         for robot in ("learning", "positive_baseline")
     )
     found = compare_shares(with_, without)
-    return Claim(
+    return above_zero(
         "4.1",
         "Hunger, the negative baseline of dopamine, is what breaks orbits.",
         "escapes with a negative baseline less escapes with a positive one",
-        100 * found.value,
-        100 * found.low,
-        100 * found.high,
+        (100 * found.value, 100 * found.low, 100 * found.high),
         "% of trials",
-        "interval above 0",
-        found.low > 0,
     )
 
 
@@ -177,18 +183,13 @@ def weights_saturate(runs: Runs) -> Claim:
 def motor_neurons_differentiate(runs: Runs) -> Claim:
     weights = runs["food_attraction/learning"].weights
     excess = differentiation(weights) - differentiation(shuffled(weights, 0))
-    low, high = student(excess)
-    return Claim(
+    return above_zero(
         "4.2",
         "Single motor neurons come to answer to one sensor only.",
         "differentiation index less that of the same weights dealt at random within each projection "
         f"(index {differentiation(weights).mean():.2f})",
-        float(excess.mean()),
-        low,
-        high,
+        (float(excess.mean()), *student(excess)),
         "",
-        "interval above 0",
-        low > 0,
     )
 
 
@@ -197,19 +198,14 @@ def avoidance_levels_off(runs: Runs) -> Claim:
         taxis(runs[f"food_attraction/{robot}"], "weight", "food", "avoidance")[-20:].mean(0)
         for robot in ("learning", "no_hunger")
     )
-    low, high = welch(Sample.of(with_), Sample.of(without))
-    return Claim(
+    return above_zero(
         "4.2",
         "Avoidance weights settle at a low level because of the negative baseline.",
         f"avoidance weight at the end with the negative baseline ({with_.mean():.2f} mV) less that with "
         "a baseline of 0 "
         f"({without.mean():.2f} mV)",
-        float(with_.mean() - without.mean()),
-        low,
-        high,
+        lead(with_, without),
         "mV",
-        "interval above 0",
-        low > 0,
     )
 
 
@@ -218,8 +214,7 @@ def poison_is_unlearnt(runs: Runs) -> Claim:
     switch = float(learning.config["world"]["poison_from"])
     end = switch + 0.1 * (float(learning.time[-1]) - switch)
     rates = [run.rate(switch, end) for run in (learning, walk)]
-    low, high = welch(Sample.of(rates[0]), Sample.of(rates[1]))
-    value = float(rates[0].mean() - rates[1].mean())
+    value, low, high = lead(rates[0], rates[1])
     return Claim(
         "4.3",
         "Attraction is unlearnt almost at once when food turns to poison: the rate falls to just "
@@ -240,18 +235,13 @@ def threshold_protects(runs: Runs) -> Claim:
         runs[f"secondary_stimulus/{robot}"].of_projection("weight", "empty_container_touch_to_dopaminergic")[-1]
         for robot in ("learning", "no_burst_threshold")
     )
-    low, high = welch(Sample.of(without), Sample.of(with_))
-    return Claim(
+    return above_zero(
         "4.4",
         "The burst threshold is what keeps the empty container unlearnt.",
         f"weight of the empty container's touch without the threshold ({without.mean():.3f} mV) less with it "
         f"({with_.mean():.3f} mV)",
-        float(without.mean() - with_.mean()),
-        low,
-        high,
+        lead(without, with_),
         "mV",
-        "interval above 0",
-        low > 0,
     )
 
 
@@ -279,21 +269,12 @@ def failures_are_synchronised(runs: Runs) -> Claim:
     together = np.array([_correlation(a, b) for a, b in zip(attraction[late].T, avoidance[late].T, strict=True)])
     failed = run.trials["correct"] == 0
     wrong, right = (together[group & np.isfinite(together)] for group in (failed, ~failed))
-    if min(len(wrong), len(right)) < 2:
-        value, low, high = np.nan, -np.inf, np.inf
-    else:
-        value = float(wrong.mean() - right.mean())
-        low, high = welch(Sample.of(wrong), Sample.of(right))
-    return Claim(
+    return above_zero(
         "4.5",
         "Trials fail when the weights of attraction and avoidance have become synchronised.",
         f"their correlation over the second half of a trial, failed ({len(wrong)} trials) less correct ({len(right)})",
-        value,
-        low,
-        high,
+        lead(wrong, right) if min(len(wrong), len(right)) > 1 else (np.nan, -np.inf, np.inf),
         "",
-        "interval above 0",
-        low > 0,
     )
 
 
@@ -302,14 +283,11 @@ def optimum_is_among_the_best(runs: Runs) -> Claim:
     best, region = best_region(found)
     optimum = published()["stdp_search"]
     at = next(name for name in found if all(value == optimum[key] for key, value in point_of(name).items()))
-    low, high = welch(Sample.of(found[best]), Sample.of(found[at]))
     return Claim(
         "3.7",
         "The parameters of STDP that collect most food are those published.",
         f"food at the best of {len(found)} points of the grid ({describe(best)}) less food at the published point",
-        float(found[best].mean() - found[at].mean()),
-        low,
-        high,
+        *lead(found[best], found[at]),
         "items",
         "a one-sided Welch test (5 %) does not tell the two apart",
         at in region,
