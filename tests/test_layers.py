@@ -1,4 +1,4 @@
-"""Who may import what."""
+"""Who may import what: the rooms of the package, and what each may know."""
 
 from __future__ import annotations
 
@@ -12,24 +12,137 @@ from pathlib import Path
 import snnrl
 
 PACKAGE = Path(snnrl.__file__).parent
+LONGEST = 50  # lines of a function
+
+# Each room and file at the top, lowest first, and what it may import of the others; commands may import anything.
+MAY_IMPORT = {
+    "errors": "",
+    "files": "",
+    "intervals": "",
+    "model": "",
+    "body": "model",
+    "tasks": "model",
+    "engines": "errors model body",
+    "simulation": "model engines",
+    "configuration": "errors model body tasks simulation",
+    "drawing": "intervals model body tasks",
+    "recording": "files model body tasks simulation configuration drawing",
+    "running": "errors files intervals engines simulation configuration recording",
+    "agents": "errors files intervals model body engines configuration drawing running",
+    "replay": "errors files model body engines simulation configuration drawing recording running",
+    "thesis": "errors files intervals model body engines simulation configuration drawing recording running",
+}
+COMMANDS = {"run", "reproduce", "calibrate", "search", "collect", "environments"}
+
+
+def module_of(path: Path) -> str:
+    """Dotted, as it is imported."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_of(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imported(tree: ast.AST) -> set[str]:
+    """All modules that a file imports, wherever it does, for types too."""
+    names = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports are absolute"
+            assert node.module
+            inside = {f"{node.module}.{alias.name}" for alias in node.names}
+            names |= {name if name in MODULES else node.module for name in inside}
+    return names
+
+
+IMPORTS = {module: imported(ast.parse(path.read_text())) for module, path in MODULES.items()}
+OWN = {module: {name for name in names if name in MODULES} for module, names in IMPORTS.items()}
+
+
+def room(module: str) -> str:
+    """The part of the package that a module is in; "" for the package itself."""
+    return f"{module}.".split(".")[1]
+
+
+BETWEEN: dict[str, set[str]] = {}  # of each room, the others that it imports
+for importing, others in OWN.items():
+    BETWEEN.setdefault(room(importing), set()).update({room(other) for other in others} - {room(importing)})
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    """Names that lead from one to the next and back to the first; none if there are no such."""
+    left = dict(graph)
+    while left:
+        free = [name for name, others in left.items() if not (others - {name}) & left.keys()]
+        if not free:
+            way = [next(iter(left))]
+            while way[-1] not in way[:-1]:
+                way.append(next(name for name in sorted(left[way[-1]]) if name in left and name != way[-1]))
+            return way[way.index(way[-1]) :]
+        for name in free:
+            del left[name]
+    return []
 
 
 def imports() -> dict[str, set[str]]:
-    """Modules that each file of the package imports, by its path."""
-    found = {}
-    for path in PACKAGE.rglob("*.py"):
-        names = set()
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                names |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and node.module:
-                names.add(node.module)
-        found[str(path.relative_to(PACKAGE))] = names
-    return found
+    """What each file of the package imports, by its path."""
+    return {str(path.relative_to(PACKAGE)): IMPORTS[module] for module, path in MODULES.items()}
 
 
 def importers(module: str) -> set[str]:
     return {path for path, names in imports().items() if any(n == module or n.startswith(f"{module}.") for n in names)}
+
+
+def test_every_room_is_in_the_table_and_knows_only_what_it_may() -> None:
+    assert BETWEEN.keys() == MAY_IMPORT.keys() | COMMANDS | {""}
+    for module, others in OWN.items():
+        if room(module) in MAY_IMPORT:
+            allowed = {room(module), *MAY_IMPORT[room(module)].split()}
+            assert {room(other) for other in others} <= allowed, module
+
+
+def test_the_table_is_in_order_and_allows_nothing_that_is_not_used() -> None:
+    lower: set[str] = set()
+    for name, allowed in MAY_IMPORT.items():
+        assert set(allowed.split()) <= lower, name
+        lower.add(name)
+        assert BETWEEN[name] == set(allowed.split()), name
+
+
+def test_there_are_a_dozen_rooms_at_most_and_each_says_what_belongs_in_it() -> None:
+    rooms = [path.parent for path in PACKAGE.rglob("__init__.py")]
+    assert len([path for path in rooms if path.parent == PACKAGE]) <= 12
+    for path in rooms:
+        assert len(ast.get_docstring(ast.parse((path / "__init__.py").read_text())) or "") > 60, path
+
+
+def test_nothing_is_imported_in_a_circle() -> None:
+    assert circle(OWN) == []
+    assert circle(BETWEEN) == []
+
+
+def test_circles_are_found() -> None:
+    assert circle({"a": {"b"}, "b": {"c"}, "c": set()}) == []
+    assert circle({"a": {"a"}}) == []
+    assert circle({"x": {"a"}, "a": {"b"}, "b": {"c"}, "c": {"a"}}) == ["a", "b", "c", "a"]
+
+
+def test_no_module_is_called_like_one_of_the_standard_library() -> None:
+    names = {name for module in MODULES for name in module.split(".")}
+    assert not names & sys.stdlib_module_names
+
+
+def test_no_function_is_longer_than_a_page() -> None:
+    for module, path in MODULES.items():
+        if module.startswith("snnrl.engines.fused"):
+            continue  # kernels
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                assert node.end_lineno is not None
+                assert node.end_lineno - node.lineno < LONGEST, (module, node.name)
 
 
 def test_only_the_entry_points_and_the_configuration_know_hydra_and_optuna() -> None:
@@ -44,10 +157,6 @@ def test_only_the_board_knows_tensorboard() -> None:
     assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"recording/board.py"}
 
 
-def test_what_records_knows_nothing_of_the_analysis() -> None:
-    assert not any(path.startswith(("recording/", "drawing/")) for path in importers("snnrl.thesis"))
-
-
 def test_only_the_fused_engine_knows_numba() -> None:
     assert all(path.startswith("engines/fused/") for path in importers("numba"))
 
@@ -57,27 +166,10 @@ def test_only_the_environments_know_gymnasium() -> None:
     assert importers("stable_baselines3") == set()
 
 
-def test_network_and_world_know_nothing_of_each_other() -> None:
+def test_a_world_knows_nothing_of_a_network() -> None:
     world = {name for path, names in imports().items() if path.startswith("body/world/") for name in names}
-    assert {name for name in world if name.startswith("snnrl")} <= {
-        "snnrl.model.draws",
-        "snnrl.model.elementary",
-        "snnrl.body.world.geometry",
-        "snnrl.body.world.sensors",
-        "snnrl.body.world.world",
-    }
-    network = set().union(*(imports()[f"model/{name}.py"] for name in ("network", "neurons", "synapses", "modulators")))
-    assert not any(name.startswith(("snnrl.body.world", "snnrl.body.coding", "snnrl.simulation")) for name in network)
-
-
-def test_a_task_knows_only_the_network_and_its_random_numbers() -> None:
-    known = {name for path, names in imports().items() if path.startswith("tasks/") for name in names}
-    own = {f"snnrl.tasks.{name}" for name in ("coincidences", "rewards", "stimuli")}
-    assert {name for name in known if name.startswith("snnrl")} - own == {
-        "snnrl.model.network",
-        "snnrl.model.neurons",
-        "snnrl.model.draws",
-    }
+    own = {name for name in world if name.startswith("snnrl") and not name.startswith("snnrl.body.world")}
+    assert own <= {"snnrl.model.draws", "snnrl.model.elementary"}
 
 
 def test_nothing_in_the_package_depends_on_tools_or_tests() -> None:

@@ -1,4 +1,5 @@
-"""What may be set, in which bounds, and how it is composed; the only room that knows Hydra's files.
+"""What may be set, in which bounds, how it is composed, whether it makes sense, and what is built from it.
 
-Nothing here knows of state: descriptions hold numbers, the builder turns them into modules.
+Here belongs what turns text into descriptions and descriptions into state: descriptions hold numbers, the checks look
+at nothing else, the builder is plain wiring. The only room that knows Hydra's files.
 """

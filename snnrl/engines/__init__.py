@@ -1,6 +1,6 @@
 """Engines: different ways to run the same networks in the same situations, behind one interface.
 
-They know the model and the body, and nothing of runs, records or configurations.
+Here belongs how time is advanced. Engines know the model and the body, and nothing of runs, records or configurations.
 """
 
 from __future__ import annotations
