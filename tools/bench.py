@@ -29,6 +29,7 @@ from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
 from snnrl.running.job import simulate
+from snnrl.running.schedule import ticks_of
 from snnrl.running.signals import Signals
 from snnrl.simulation import Simulation
 
@@ -39,22 +40,18 @@ REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
     """A batch of robots that have learnt for `warm_up` simulated seconds."""
     simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}"))
-    simulation.run(make_engine("fused", "cpu"), ticks(simulation, warm_up))
+    simulation.run(make_engine("fused", "cpu"), ticks_of(warm_up, simulation.tick))
     return simulation
-
-
-def ticks(simulation: Simulation, seconds: float) -> int:
-    return max(1, round(1000 * seconds / simulation.situation.coding.tick))
 
 
 def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
     """Trial-milliseconds per second of one run from a copy of the state."""
     fresh = copy.deepcopy(simulation)
     fresh.run(engine, 1)
-    count = ticks(fresh, seconds)
+    count = ticks_of(seconds, fresh.tick)
     started = time.perf_counter()
     fresh.run(engine, count)
-    return fresh.trials * count * fresh.situation.coding.tick / (time.perf_counter() - started)
+    return fresh.trials * count * fresh.tick / (time.perf_counter() - started)
 
 
 def recording(robot: str, trials: int, seconds: float, threads: int) -> float:

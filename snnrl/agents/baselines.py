@@ -37,6 +37,7 @@ from snnrl.files import csv_of, npz_of, write
 from snnrl.intervals import student, student_half
 from snnrl.model.draws import Draws
 from snnrl.running.command import Passed, discard
+from snnrl.running.schedule import ticks_of
 
 SPIKING = "spiking"
 AGENTS: Mapping[str, Callable[[Draws, int, BaselinesConfig], Agent]] = {
@@ -99,16 +100,16 @@ class Result:
         }
 
 
-def ticks_of(config: Config) -> tuple[int, int | None]:
+def length_of(config: Config) -> tuple[int, int | None]:
     """How many ticks a task has, and the first one in which food is poison; None where it never turns."""
     coding, world = config.body()
-    ticks = max(1, round(1000 * config.seconds / coding.tick))
+    ticks = ticks_of(config.seconds, coding.tick)
     return ticks, None if world.poison_from is None else math.ceil(round(1000 * world.poison_from) / coding.tick)
 
 
 def marks_of(config: Config, samples: int) -> list[int]:
     """The ticks after which to count: `samples` of them, evenly spread; the nearest moves to food's turn to poison."""
-    ticks, turn = ticks_of(config)
+    ticks, turn = length_of(config)
     marks = {round(ticks * (k + 1) / samples) for k in range(samples)} - {0}
     if turn is not None:
         marks = {mark for mark in marks if abs(mark - turn) >= 0.5 * ticks / samples} | {turn, ticks}
@@ -247,7 +248,7 @@ def tasks_of(options: BaselinesConfig) -> dict[str, Config]:
 
 def _check_turn(task: str, config: Config) -> None:
     """Raise ConfigError if the task is over before its food turns to poison, as which it would be listed."""
-    ticks, turn = ticks_of(config)
+    ticks, turn = length_of(config)
     if turn is not None and turn >= ticks:
         _, world = config.body()
         allowed = f"must be greater than the {world.poison_from:g} s after which food turns to poison in {task}"

@@ -38,6 +38,7 @@ from snnrl.configuration.checks import check, torch_device
 from snnrl.configuration.compose import compose
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
+from snnrl.running.schedule import ticks_of
 
 SEEDS = 2**63  # as many as `seed` of a run can have
 ELSEWHERE = {
@@ -83,7 +84,7 @@ class ForagingVectorEnv(VectorEnv):
         self.device = torch_device(self.config.device)
         coding, _ = self.config.body()
         self.num_envs, self.continuous = num_envs, continuous
-        self.length = max(1, round(1000 * self.config.seconds / coding.tick))  # ticks
+        self.length = ticks_of(self.config.seconds, coding.tick)  # ticks
         sensors = 2 * len(coding.ranges) + len(coding.touches)
         self.single_observation_space = spaces.Box(0.0, 1.0, (sensors,), np.float32)
         self.single_action_space = (

@@ -28,6 +28,7 @@ from snnrl.files import FolderError, npz_of, write
 from snnrl.replay.scenes import animate, draw_credit, draw_raster
 from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.command import FORESEEN, explain, status
+from snnrl.running.schedule import ticks_of
 
 LENGTH = 30.0  # s that are recorded unless told otherwise
 
@@ -53,7 +54,7 @@ def replay(folder: Path, trial: int, start: float = 0.0, end: float | None = Non
         raise ConfigError("--to", end, f"must be more than --from={start:g} and at most the run's {config.seconds:g} s")
     original = Original(folder, trial)
     tick = config.body()[0].tick
-    first, last = int(1000 * start / tick), max(1, round(1000 * config.seconds / tick))
+    first, last = int(1000 * start / tick), ticks_of(config.seconds, tick)
     last = min(last, math.ceil(1000 * end / tick))
     recording = record(replace(config, trials=1, trial_start=trial), min(first, last - 1), last, original)
     to = folder / "replay" / f"trial-{trial}-{start:g}-{end:g}"

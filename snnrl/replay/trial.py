@@ -100,7 +100,7 @@ def record(config: Config, first: int, last: int, original: Original) -> Recordi
         FolderError: the replay is not the run.
     """
     simulation = build(config)
-    network, world, tick = simulation.network, simulation.situation.world, simulation.situation.coding.tick
+    network, world, tick = simulation.network, simulation.situation.world, simulation.tick
     engine = make_engine(config.engine, config.device, 1)
     if first:
         simulation.run(engine, first)

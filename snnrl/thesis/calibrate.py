@@ -28,6 +28,7 @@ from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
 from snnrl.model.network import Network
 from snnrl.recording.criteria import correct
+from snnrl.running.schedule import ticks_of
 from snnrl.simulation import Simulation
 from snnrl.thesis.claims import escape_rule
 from snnrl.thesis.compare import contrast
@@ -110,14 +111,14 @@ def simulate(
 ) -> tuple[Simulation, Config]:
     """One cell's run, ended."""
     simulation, config, engine = prepare(experiment, robot, values, trials, seed)
-    simulation.run(engine, round(1000 * config.seconds / simulation.situation.coding.tick))
+    simulation.run(engine, ticks_of(config.seconds, simulation.tick))
     return simulation, config
 
 
 def outcome(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> Outcome:
     """What one cell's run came to."""
     simulation, config, engine = prepare(experiment, robot, values, trials, seed)
-    ticks, last = (round(1000 * s / simulation.situation.coding.tick) for s in (config.seconds, tail(config.seconds)))
+    ticks, last = (ticks_of(seconds, simulation.tick) for seconds in (config.seconds, tail(config.seconds)))
     simulation.run(engine, ticks - last)
     before = simulation.situation.world.touches[:, 0].clone()
     simulation.run(engine, last)
@@ -142,7 +143,7 @@ def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
     times = torch.full((trials,), torch.nan, dtype=torch.float64)
     coding, world = config.body()
     limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
-    for k in range(round(1000 * config.seconds / coding.tick)):
+    for k in range(ticks_of(config.seconds, coding.tick)):
         simulation.run(engine, 1)
         left = (simulation.situation.world.nearest_item() > limit) | (simulation.situation.world.touches[:, 0] > 0)
         times = torch.where(left & times.isnan(), (k + 1) * coding.tick / 1000, times)
@@ -159,7 +160,7 @@ def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: 
     place = list(network.groups).index(source)
     simulation.run(engine, round(2000 / tick))
     before, start = network.spike_count[:, place].clone(), int(network.time)
-    simulation.run(engine, round(1000 * seconds / tick))
+    simulation.run(engine, ticks_of(seconds, tick))
     elapsed = (int(network.time) - start) / 1000
     return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
 

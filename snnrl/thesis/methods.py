@@ -17,6 +17,7 @@ from snnrl.configuration.compose import compose
 from snnrl.configuration.schema import Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
 from snnrl.engines import Engine, make_engine
 from snnrl.model.draws import Draws
+from snnrl.running.schedule import ticks_of
 from snnrl.simulation import Simulation
 
 SURE = 200.0  # current of one ms that makes a neuron at rest fire at once
@@ -109,7 +110,7 @@ def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, n
     """Value of the left food sensor, raised from 0 to 1, by ms [T], and its neurons' spikes [T, n]."""
     simulation = build(config)
     network, coding = simulation.network, simulation.situation.coding
-    ticks = round(1000 * seconds / coding.tick)
+    ticks = ticks_of(seconds, coding.tick)
     group = coding.ranges["food"][0]
     untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.touches}
     raster = torch.zeros(ticks * coding.tick, network.trials, network.size, dtype=torch.bool)
@@ -165,7 +166,7 @@ def coincidence(
         return None
     time, pre, post = found
     simulation = build(config)
-    network, tick = simulation.network, simulation.situation.coding.tick
+    network, tick = simulation.network, simulation.tick
     assert network.dopamine is not None
     projection = network.projections[f"{config.body()[0].touches[touch]}_to_{network.dopamine.sources['count']}"]
     [synapse] = ((projection.pre_index == pre) & (projection.post_index == post)).nonzero()[0].tolist()
@@ -196,7 +197,7 @@ def _find(
     simulation: Simulation, engine: Engine, config: Config, touch: str, rewarded: bool, after: int
 ) -> tuple[int, int, int] | None:
     """Time (ms) of the touch spike, and the two neurons' numbers within their groups."""
-    network, tick = simulation.network, simulation.situation.coding.tick
+    network, tick = simulation.network, simulation.tick
     assert network.dopamine is not None
     group = config.body()[0].touches[touch]
     projection = network.projections[f"{group}_to_{network.dopamine.sources['count']}"]
@@ -204,7 +205,7 @@ def _find(
     joined[projection.pre_index, projection.post_index] = True
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
     candidate: tuple[int, int, int] | None = None
-    for _ in range(round(1000 * config.seconds / tick)):
+    for _ in range(ticks_of(config.seconds, tick)):
         start, food = int(network.time), int(simulation.situation.world.touches[0, 0])
         simulation.run(engine, 1, raster)
         if candidate and start - candidate[0] > after:
