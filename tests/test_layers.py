@@ -63,8 +63,10 @@ def test_only_the_environments_know_gymnasium() -> None:
 def test_network_and_world_know_nothing_of_each_other() -> None:
     world = {name for path, names in imports().items() if path.startswith("body/world/") for name in names}
     assert {name for name in world if name.startswith("snnrl")} <= {
+        "snnrl.configuration.schema",
         "snnrl.model.draws",
         "snnrl.model.elementary",
+        "snnrl.body.world.kinds",
         "snnrl.body.world.geometry",
         "snnrl.body.world.sensors",
         "snnrl.body.world.world",

@@ -109,7 +109,12 @@ def test_a_wrong_override_is_refused_in_one_line(override: str, line: str) -> No
 
 
 def test_an_override_that_fits_is_not_blamed_for_another() -> None:
-    fitting = ("hydra/job_logging=none", "robot=random_walk", "world.poison_from=null", "network.homeostasis=null")
+    fitting = (
+        "hydra/job_logging=none",
+        "robot=random_walk",
+        "world.kinds.food.poison_from=null",
+        "network.homeostasis=null",
+    )
     with pytest.raises(ConfigError, match=r"^trials=many: must be a whole number$"):
         composed(*fitting, "trials=many")
 

@@ -31,7 +31,7 @@ from snnrl.agents.foraging import Foraging
 from snnrl.body.world import World
 from snnrl.builder import build, check, torch_device
 from snnrl.configuration.compose import plain
-from snnrl.configuration.schema import BaselinesConfig, Config, ConfigError, check_bounds
+from snnrl.configuration.schema import FOOD, BaselinesConfig, Config, ConfigError, check_bounds
 from snnrl.engines import make_engine
 from snnrl.files import write
 from snnrl.model.draws import Draws
@@ -141,10 +141,10 @@ def collect(task: str, agent: str, config: Config, options: BaselinesConfig) -> 
     """Run one agent through one task."""
     world, advance = spiking_robot(config) if agent == SPIKING else agent_robot(config, agent, options)
     marks = marks_of(config, options.samples)
-    counts: list[Tensor] = [world.touches[:, 0].cpu().clone()]
+    counts: list[Tensor] = [world.count(FOOD).cpu().clone()]
     for before, mark in zip([0, *marks], marks, strict=False):
         advance(mark - before)
-        counts.append(world.touches[:, 0].cpu().clone())
+        counts.append(world.count(FOOD).cpu().clone())
     coding, described = config.body()
     poison_from = math.inf if described.poison_from is None else described.poison_from
     tick = coding.tick / 1000.0

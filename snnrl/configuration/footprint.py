@@ -86,6 +86,6 @@ def of_run(config: Config) -> dict[str, float]:
     if config.engine == "reference" or config.task is not None:
         parts["task.tick" if config.task is not None else "coding.tick"] = float(trials) * tick * neurons * CURRENT
     if config.world is not None:
-        for name in ("free_items", "food_containers", "empty_containers"):
-            parts[f"world.{name}"] = float(trials) * getattr(config.world, name) * OBJECT
+        for name, kind in config.world.kinds.items():
+            parts[f"world.kinds.{name}.count"] = float(trials) * kind.count * OBJECT * (2 if kind.holds else 1)
     return parts

@@ -60,7 +60,7 @@ class Loader(ConfigLoaderImpl):
             raise unreadable(error, config_name) from error
         except ConfigError:
             raise
-        except (HydraException, OmegaConfBaseException, ValueError) as error:
+        except (HydraException, OmegaConfBaseException, ValueError, OverflowError) as error:
             raise self._refusal(error, kind, overrides) from error
         for group, choice in config.hydra.runtime.choices.items():
             if choice is not None and (".." in PurePath(choice).parts or PurePath(choice).is_absolute()):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from snnrl.body.world import TOUCHES
+from snnrl.configuration.schema import FOOD as SCORED
 from snnrl.configuration.schema import RecordConfig
 from snnrl.engines import Engine
 from snnrl.files import write
@@ -96,9 +96,10 @@ class Recorder:
         }
 
     def _counts(self) -> dict[str, torch.Tensor]:
-        """What only ever grows: ms, touches, spikes, and the sum of dopamine's level over all ms."""
+        """What only ever grows: ms, food, spikes, and the sum of dopamine's level over all ms."""
         network, dopamine = self.simulation.network, self.simulation.network.dopamine
-        counts = {"ms": network.time, "touches": self.simulation.situation.world.touches, "spikes": network.spike_count}
+        food = self.simulation.situation.world.count(SCORED)
+        counts = {"ms": network.time, "food": food, "spikes": network.spike_count}
         if dopamine is not None:
             counts["dopamine"] = dopamine.total
         return {key: values.cpu().clone() for key, values in counts.items()}
@@ -125,7 +126,7 @@ class Recorder:
         self._before = counts
         sample = {
             "time": torch.tensor(seconds),
-            "collection_rate": change["touches"][:, 0] / span,
+            "collection_rate": change["food"] / span,
             "firing_rate": change["spikes"] / (self._sizes * span),
             "weight": self._of_each(Projection.mean_weight),
             "eligibility": self._of_each(Projection.mean_eligibility),
@@ -156,7 +157,7 @@ class Recorder:
         """Means over trials of the latest sample, by their tags."""
         latest = {key: values[-1].mean(0).tolist() for key, values in self._samples.items() if key in SHOWN}
         values = {
-            FOOD: float(self.simulation.situation.world.touches[:, 0].double().mean()),
+            FOOD: float(self.simulation.situation.world.count(SCORED).double().mean()),
             RATE: latest["collection_rate"],
         }
         if self.learnt is not None:
@@ -219,7 +220,7 @@ class Recorder:
         write(folder / "trials.csv", self._table(trials, learnt))
         if self.board is not None:
             self.board.end()
-        food = self.simulation.situation.world.touches[:, 0].double()
+        food = self.simulation.situation.world.count(SCORED).double()
         results = {
             "food_mean": float(food.mean()),
             "food_sd": float(food.std()) if len(food) > 1 else None,
@@ -231,7 +232,7 @@ class Recorder:
         text = io.StringIO()
         weights = {p.name: p.mean_weight().tolist() for p in self.followed}
         table = csv.writer(text, lineterminator="\n")
-        table.writerow(["trial", *TOUCHES, "correct", *weights])
+        table.writerow(["trial", *self.simulation.situation.world.kinds.names, "correct", *weights])
         touches = self.simulation.situation.world.touches.tolist()
         for k, trial in enumerate(trials.tolist()):
             row = [f"{values[k]:.6g}" for values in weights.values()]

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from snnrl.builder import DTYPES, build, build_network
-from snnrl.configuration.schema import Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
+from snnrl.configuration.schema import FOOD, Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
 from snnrl.engines import Engine
 from snnrl.model.draws import Draws
 from snnrl.simulation import Simulation
@@ -65,8 +65,8 @@ def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, n
     simulation = build(config)
     network, coding = simulation.network, simulation.situation.coding
     ticks = round(1000 * seconds / coding.tick)
-    group = coding.ranges["food"][0]
-    untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.touches}
+    group = coding.config.ranges["food"].left
+    untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.config.touches}
     raster = torch.zeros(ticks * coding.tick, network.trials, network.size, dtype=torch.bool)
     for k in range(ticks):
         value = torch.tensor([[k / (ticks - 1), 0.0]], dtype=torch.float64).expand(network.trials, 2)
@@ -124,9 +124,9 @@ def coincidence(
     columns: dict[str, list[float]] = {key: [] for key in ("pre", "post", "eligibility", "weight", "dopamine")}
     food = []
     for k in range((before + after) // tick):
-        taken = int(simulation.situation.world.touches[0, 0])
+        taken = int(simulation.situation.world.count(FOOD)[0])
         current, sign, _ = simulation.situation.begin(network)
-        if int(simulation.situation.world.touches[0, 0]) > taken:
+        if int(simulation.situation.world.count(FOOD)[0]) > taken:
             food.append(k * tick)
         raster = torch.zeros(1, 1, network.size, dtype=torch.bool)
         for ms in range(tick):
@@ -153,11 +153,11 @@ def _find(
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
     candidate: tuple[int, int, int] | None = None
     for _ in range(round(1000 * config.seconds / tick)):
-        start, food = int(network.time), int(simulation.situation.world.touches[0, 0])
+        start, food = int(network.time), int(simulation.situation.world.count(FOOD)[0])
         simulation.run(engine, 1, raster)
         if candidate and start - candidate[0] > after:
             candidate = None
-        if candidate and int(simulation.situation.world.touches[0, 0]) > food:
+        if candidate and int(simulation.situation.world.count(FOOD)[0]) > food:
             return candidate
         touched = raster[:, 0, network.groups[group].span]
         if candidate or not touched.any():

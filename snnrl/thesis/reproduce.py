@@ -74,9 +74,11 @@ def _closeups(seed: int, part: float) -> list[Planned]:
     close = (f"seed={seed}", "record.every=0.07")
     one = (*close, "trials=1")
     switch = part * (compose("+experiment=food_poison").body()[1].poison_from or 0.0)
-    around = (f"seconds={switch + 15:g}", f"record.start={switch - 10:g}", f"world.poison_from={switch:g}")
+    around = (f"seconds={switch + 15:g}", f"record.start={switch - 10:g}", f"world.kinds.food.poison_from={switch:g}")
     return [
-        Planned("random_walk", "food_attraction", (*one, "robot=random_walk", "world.free_items=0", "seconds=30")),
+        Planned(
+            "random_walk", "food_attraction", (*one, "robot=random_walk", "world.kinds.food.count=0", "seconds=30")
+        ),
         Planned("first_eligibility", "food_attraction", (*one, "seconds=30")),
         Planned("single_trial", "food_attraction", (*one, f"seconds={500 * part:g}")),
         Planned("dampening", dampening.EXPERIMENT, (*close, *dampening.overrides())),
@@ -103,7 +105,7 @@ def _quick_sizes(experiment: str) -> tuple[str, ...]:
     if experiment == "orbit":
         return (f"trials={QUICK_TRIALS}", f"seconds={seconds * QUICK_ORBIT:g}")
     sizes = (f"trials={QUICK_TRIALS}", f"seconds={seconds * QUICK:g}", "record.every=1.0")
-    return (*sizes, f"world.poison_from={seconds * QUICK / 2:g}") if experiment == "food_poison" else sizes
+    return (*sizes, f"world.kinds.food.poison_from={seconds * QUICK / 2:g}") if experiment == "food_poison" else sizes
 
 
 def code_version() -> str:

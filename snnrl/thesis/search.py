@@ -17,6 +17,7 @@ import optuna
 from scipy import stats
 
 from snnrl.configuration.compose import compose
+from snnrl.configuration.schema import FOOD
 from snnrl.thesis.calibrate import FIRST_SEED, simulate
 from snnrl.thesis.fit import FACTORS, PLANES
 
@@ -42,7 +43,7 @@ def search(study: optuna.Study, points: int, trials: int, options: Mapping[str, 
             for name in NAMES
         } | dict(options or {})
         simulation, _ = simulate("stdp_search", "learning", values, trials, FIRST_SEED + trial.number)
-        food = simulation.situation.world.touches[:, 0].double()
+        food = simulation.situation.world.count(FOOD).double()
         trial.set_user_attr("food", food.tolist())
         return float(food.mean())
 
