@@ -140,7 +140,7 @@ def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, rob
         observation, reward, *_ = environments.step((STRAIGHT + lead).numpy())
         assert torch.equal(environments.foraging.world.touches, simulation.situation.world.touches)
         seen = np.concatenate(
-            [simulation.situation.world.sense()[name].numpy() for name in simulation.situation.coding.ranges], 1
+            [simulation.situation.world.sense()[name].numpy() for name in simulation.situation.coding.config.ranges], 1
         )
         np.testing.assert_allclose(observation[:, : seen.shape[1]], seen, atol=1e-6)
         total, least = total + reward, min(least, reward.min())

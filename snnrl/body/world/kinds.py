@@ -76,8 +76,11 @@ class Kinds:
             opens.any(0),
             tuple(stream("start", name) for name in names),
             tuple(stream("moved", name) for name in names),
-            *rows.unbind(1),
-            len(free),
+            kind=rows[:, 0],
+            number=rows[:, 1],
+            holder=rows[:, 2],
+            home=rows[:, 3],
+            free=len(free),
         )
 
     def to(self, device: torch.device) -> Kinds:
