@@ -82,7 +82,7 @@ class FusedEngine:
         _check_compiled(*situation.modules())
         world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
         size, kinds = poisson_table_size(situation.coding.config.range_mean), len(situation.world.kinds.names)
-        bound, state = self._bind(network)
+        bound, state = self.bind(network)
         kernel = kernels(bound.functions, _real(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
 
@@ -107,7 +107,7 @@ class FusedEngine:
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
-        bound, state = self._bind(network)
+        bound, state = self.bind(network)
         kernel = kernels(bound.functions, _real(network))[0]
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
@@ -138,7 +138,7 @@ class FusedEngine:
         for done in [self._pool.submit(part, *chosen) for chosen in ordered]:
             done.result()
 
-    def _bind(self, network: Network) -> tuple[_Bound, State]:
+    def bind(self, network: Network) -> tuple[_Bound, State]:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
         _check_compiled(*network.modules())
