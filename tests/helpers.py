@@ -10,7 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from snnrl.body.world import RangeSensor, World
+from snnrl.body.world import World
+from snnrl.body.world.kinds import ENTERED, TAKEN
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose as compose_config
 from snnrl.engines import make_engine
@@ -23,6 +24,7 @@ from snnrl.model.neurons import IZHIKEVICH, NeuronGroup
 from snnrl.model.plasticity import Plasticity
 from snnrl.model.synapses import Projection
 from snnrl.recording.runs import Run
+from snnrl.schema import KindConfig, SensorConfig, WorldConfig
 from snnrl.simulation import Simulation
 
 ENGINES = ("reference", "fused")
@@ -155,25 +157,32 @@ def make_world(
     empty_containers: int = 0,
     side: float = 300.0,
     to_border: bool = True,
-    poison_from: int | None = None,
+    poison_from: float | None = None,
+    **more: KindConfig,
 ) -> World:
-    """A world with the thesis's sizes, a tick of 70 ms and both range sensors."""
-    ranges = {"food": RangeSensor(30.0, to_border), "container": RangeSensor(60.0, to_border)}
-    draws = Draws(0, torch.arange(trials))
-    return World(
-        draws,
-        side,
-        free_items,
-        food_containers,
-        empty_containers,
-        2.4,
-        14.0,
-        1.0,
-        0.5,
-        ranges,
-        70,
-        poison_from,
-    )
+    """A world with the thesis's sizes, a tick of 70 ms and both range sensors, and kinds of objects besides."""
+    measured = "border" if to_border else "centre"
+    kinds = {
+        "food": KindConfig(free_items, 2.4, poison_from=poison_from),
+        "food_container": KindConfig(food_containers, 14.0, "entered", "food", speed=0.5),
+        "empty_container": KindConfig(empty_containers, 14.0, "entered", speed=0.5),
+        **more,
+    }
+    ranges = {
+        "food": SensorConfig(30.0, measured),
+        "container": SensorConfig(60.0, measured, ["food_container", "empty_container"]),
+    }
+    return World(Draws(0, torch.arange(trials)), WorldConfig(side, 1.0, kinds, ranges), 70)
+
+
+def items(world: World) -> Tensor:
+    """Where what can be taken is, [B, n, 2]: what lies free first."""
+    return world.places[:, world.kinds.effect[world.kinds.kind] == TAKEN]
+
+
+def containers(world: World) -> Tensor:
+    """Where what can be entered is, [B, n, 2]."""
+    return world.places[:, world.kinds.effect[world.kinds.kind] == ENTERED]
 
 
 def place(
@@ -185,12 +194,13 @@ def place(
     inside: int = -1,
     trial: int = 0,
 ) -> None:
-    """Put one trial's robot, items and containers where they are wanted."""
+    """Put one trial's robot, items and containers where they are wanted; `inside` counts the containers."""
+    effect = world.kinds.effect[world.kinds.kind]
     world.position[trial] = torch.tensor(position, dtype=torch.float64)
     world.heading[trial] = heading
-    world.items[trial] = torch.tensor(items, dtype=torch.float64).view(-1, 2)
-    world.containers[trial] = torch.tensor(containers, dtype=torch.float64).view(-1, 2)
-    world.inside[trial] = inside
+    for kind, places in ((TAKEN, items), (ENTERED, containers)):
+        world.places[trial, effect == kind] = torch.tensor(places, dtype=torch.float64).view(-1, 2)
+    world.inside[trial] = int((effect == ENTERED).nonzero()[inside, 0]) if inside >= 0 else -1
 
 
 def hand_made(**parts: Any) -> Run:

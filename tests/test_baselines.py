@@ -21,7 +21,9 @@ from snnrl.agents.agents import Braitenberg, QLearning, RandomWalk, SarsaLambda,
 from snnrl.agents.baselines import Result, agent_robot, collect, markdown_of, marks_of, table_of, tasks_of
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
 from snnrl.configuration.compose import conf_dir
-from snnrl.configuration.schema import (
+from snnrl.engines import make_engine
+from snnrl.model.draws import Draws
+from snnrl.schema import (
     BaselinesConfig,
     BraitenbergConfig,
     Config,
@@ -29,8 +31,6 @@ from snnrl.configuration.schema import (
     QLearningConfig,
     SarsaLambdaConfig,
 )
-from snnrl.engines import make_engine
-from snnrl.model.draws import Draws
 
 OPTIONS = BaselinesConfig(
     agents=["random_walk"],
@@ -191,14 +191,14 @@ def config_of(*overrides: str) -> Config:
 
 def test_counting_covers_the_task_and_meets_the_turn_to_poison() -> None:
     assert marks_of(config_of(), 4) == [25, 50, 75, 100]
-    assert marks_of(config_of("world.poison_from=3.6"), 4) == [25, 52, 75, 100]  # tick 52 is at 3.64 s
-    assert marks_of(config_of("world.poison_from=9"), 1) == [100]
+    assert marks_of(config_of("world.kinds.food.poison_from=3.6"), 4) == [25, 52, 75, 100]  # tick 52 is at 3.64 s
+    assert marks_of(config_of("world.kinds.food.poison_from=9"), 1) == [100]
     assert marks_of(config_of(), 1000) == list(range(1, 101))
 
 
 def test_a_task_is_longer_than_its_food_is_food() -> None:
     def refusal(seconds: float) -> str:
-        task = ["+experiment=food_poison", "world.poison_from=2.1"]  # 30 ticks
+        task = ["+experiment=food_poison", "world.kinds.food.poison_from=2.1"]  # 30 ticks
         options = replace(OPTIONS, tasks={"poison": task}, seconds=seconds)
         with initialize_config_dir(conf_dir(), version_base="1.3"):
             try:
@@ -214,7 +214,7 @@ def test_a_task_is_longer_than_its_food_is_food() -> None:
 
 
 def test_items_are_counted_as_food_or_poison_by_when_they_were_taken() -> None:
-    config = config_of("world.poison_from=3.6", "trials=30")
+    config = config_of("world.kinds.food.poison_from=3.6", "trials=30")
     result = collect("food", "braitenberg", config, OPTIONS)
     assert result.poison.tolist() == [False, False, False, True, True]
     world, advance = agent_robot(config, "braitenberg", OPTIONS)
@@ -254,7 +254,7 @@ def command(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def test_the_command_leaves_a_table_and_a_plot(tmp_path: Path) -> None:
-    poison = 'tasks.food_poison=["+experiment=food_poison","world.poison_from=2"]'
+    poison = 'tasks.food_poison=["+experiment=food_poison","world.kinds.food.poison_from=2"]'
     done = command(tmp_path, "trials=2", "seconds=3.5", "seed=3", poison, "hydra.run.dir=here")
     assert done.returncode == 0, done.stderr
     assert "Warning" not in done.stderr

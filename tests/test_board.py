@@ -149,7 +149,7 @@ def test_any_network_has_a_board(tmp_path: Path) -> None:
         projection.role = ""
     config.robot.learning, config.experiment.correct = False, {}
     config.network.homeostasis = config.network.dopamine = None
-    config.body()[1].free_items = 0
+    config.body()[1].kinds["food"].count = 0
     perform(config, tmp_path)
     events = EventAccumulator(str(tmp_path)).Reload()
     assert len(events.Tags()["images"]) == 3

@@ -35,7 +35,7 @@ def test_every_trial_has_its_own_graph_neurons_and_world(run: Simulation) -> Non
     for values in (
         joined.flatten(1).double(),
         run.network.groups["left_motor"].get_buffer("c"),
-        run.situation.world.items.flatten(1),
+        run.situation.world.places.flatten(1),
     ):
         assert len(values.unique(dim=0)) == TRIALS
 

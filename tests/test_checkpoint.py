@@ -21,13 +21,13 @@ from helpers import SMALL_TASK, compose_config
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from snnrl import files, run
-from snnrl.configuration.schema import Config
 from snnrl.engines.fused import FusedEngine
 from snnrl.files import FolderError, owned, write
 from snnrl.running import checkpoint, job
 from snnrl.running.command import status
 from snnrl.running.job import perform
 from snnrl.running.signals import Interrupted
+from snnrl.schema import Config
 
 OVERRIDES = ("+experiment=food_attraction", "trials=2", "seconds=21", "record.every=5", "threads=1", "seed=3")
 SHOWN = ("record.histograms=4", "record.pictures=15")

@@ -211,7 +211,7 @@ def poisoned(rate: float) -> Run:
     """Switched after 100 of 200 s; only what is taken in the next ten counts."""
     rates = np.concatenate([np.full((10, 10), 1.4), around(rate)[None], np.full((9, 10), 0.1)])
     series = {"time": np.arange(10.0, 201.0, 10.0), "collection_rate": rates}
-    return hand_made(series=series, config={"world": {"poison_from": 100.0}})
+    return hand_made(series=series, config={"world": {"kinds": {"food": {"poison_from": 100.0}}}})
 
 
 def touched(weight: float) -> Run:

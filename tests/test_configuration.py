@@ -9,8 +9,8 @@ from helpers import compose_config
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import conf_dir
-from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 
 EXPERIMENTS = sorted(path.stem for path in Path(conf_dir(), "experiment").glob("*.yaml"))
 CASES = [

@@ -16,7 +16,7 @@ import matplotlib as mpl
 import pytest
 import yaml
 
-from snnrl.configuration.schema import Config
+from snnrl.schema import Config
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

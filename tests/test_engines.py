@@ -13,7 +13,11 @@ from torch import Tensor
 
 from snnrl.body.world import World
 from snnrl.configuration.builder import build, build_network
-from snnrl.configuration.schema import (
+from snnrl.engines import ReferenceEngine, make_engine
+from snnrl.engines.fused import FusedEngine
+from snnrl.model.draws import Draws
+from snnrl.model.network import Network
+from snnrl.schema import (
     ConfigError,
     GroupConfig,
     HomeostasisConfig,
@@ -24,10 +28,6 @@ from snnrl.configuration.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
-from snnrl.engines import ReferenceEngine, make_engine
-from snnrl.engines.fused import FusedEngine
-from snnrl.model.draws import Draws
-from snnrl.model.network import Network
 from snnrl.simulation import Simulation
 
 ROBOTS = {
@@ -41,7 +41,7 @@ ROBOTS = {
         "+robot.weights.food_avoidance=3",
         "network.homeostasis.limit=1.5",
     ],
-    "poison": ["+experiment=food_attraction", "+robot.weights.food_attraction=2", "world.poison_from=0"],
+    "poison": ["+experiment=food_attraction", "+robot.weights.food_attraction=2", "world.kinds.food.poison_from=0"],
 }
 
 
@@ -238,7 +238,7 @@ def test_modules_keep_sharing_memory_with_the_tables_after_copies_and_casts() ->
 def test_world_stays_float64_whatever_the_networks_precision() -> None:
     run = simulation("+experiment=food_attraction", "trials=2", "dtype=float64").float()
     assert run.network.dtype == torch.float32
-    assert run.situation.world.position.dtype == run.situation.world.items.dtype == torch.float64
+    assert run.situation.world.position.dtype == run.situation.world.places.dtype == torch.float64
 
 
 def test_reference_tick_never_waits_for_the_host() -> None:

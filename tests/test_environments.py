@@ -18,9 +18,8 @@ from helpers import make_simulation, place
 
 import snnrl.environments
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
-from snnrl.body.world import TOUCHES
-from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 
 NAMES = {"snnrl/Foraging-v0": 3, "snnrl/FoodContainers-v0": 7}  # numbers of sensors
 
@@ -122,7 +121,7 @@ def test_a_single_environment_goes_on_to_the_next_trial() -> None:
 
 @pytest.mark.parametrize(
     ("experiment", "robot", "overrides"),
-    [("food_attraction", "learning", ["world.poison_from=21"]), ("dual_learning", "benchmark", [])],
+    [("food_attraction", "learning", ["world.kinds.food.poison_from=21"]), ("dual_learning", "benchmark", [])],
 )
 def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, robot: str, overrides: list[str]) -> None:
     trials, ticks = 3, 600
@@ -141,7 +140,7 @@ def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, rob
         observation, reward, *_ = environments.step((STRAIGHT + lead).numpy())
         assert torch.equal(environments.foraging.world.touches, simulation.situation.world.touches)
         seen = np.concatenate(
-            [simulation.situation.world.sense()[name].numpy() for name in simulation.situation.coding.ranges], 1
+            [simulation.situation.world.sense()[name].numpy() for name in simulation.situation.coding.config.ranges], 1
         )
         np.testing.assert_allclose(observation[:, : seen.shape[1]], seen, atol=1e-6)
         total, least = total + reward, min(least, reward.min())
@@ -152,7 +151,7 @@ def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, rob
         assert np.all(np.abs(total) < touches[:, 0].numpy())
     else:
         assert total.tolist() == touches[:, 0].tolist()
-        assert int(touches[:, TOUCHES.index("food_container")].min()) > 0
+        assert int(touches[:, simulation.situation.world.kinds.names.index("food_container")].min()) > 0
 
 
 def test_choices_turn_the_robot_to_the_side_of_their_name() -> None:
@@ -175,7 +174,7 @@ def test_wheel_speeds_drive_the_robot() -> None:
 
 
 def test_touches_are_observed_when_they_happen_and_food_is_worth_one() -> None:
-    environments = make("snnrl/FoodContainers-v0", 1, overrides=["world.food_containers=1"])
+    environments = make("snnrl/FoodContainers-v0", 1, overrides=["world.kinds.food_container.count=1"])
     environments.reset(seed=0)
     world = environments.unwrapped.foraging.world
     place(world, (85.0, 100.0), items=[(100.0, 100.0)], containers=[(100.0, 100.0)])

@@ -24,7 +24,14 @@ from helpers import (
 from torch import Tensor
 
 from snnrl.configuration.builder import build_network
-from snnrl.configuration.schema import (
+from snnrl.engines import make_engine
+from snnrl.model.draws import Draws
+from snnrl.model.elementary import exp
+from snnrl.model.modulators import Modulator
+from snnrl.model.network import Network
+from snnrl.model.neurons import NeuronModel
+from snnrl.model.plasticity import Plasticity, additive
+from snnrl.schema import (
     ConfigError,
     GroupConfig,
     HomeostasisConfig,
@@ -35,13 +42,6 @@ from snnrl.configuration.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
-from snnrl.engines import make_engine
-from snnrl.model.draws import Draws
-from snnrl.model.elementary import exp
-from snnrl.model.modulators import Modulator
-from snnrl.model.network import Network
-from snnrl.model.neurons import NeuronModel
-from snnrl.model.plasticity import Plasticity, additive
 
 
 def leaky(

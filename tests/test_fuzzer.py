@@ -27,9 +27,11 @@ import snnrl
 from snnrl.configuration import footprint
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import conf_dir, plain
-from snnrl.configuration.schema import Config, ConfigError
+from snnrl.configuration.refusals import misfit
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 from snnrl.running.command import LONGEST, explain
+from snnrl.schema import Config
 
 REFUSALS = (ConfigError, HydraException, OmegaConfBaseException)
 CASES, PARTS = 2000, 8
@@ -53,6 +55,8 @@ def deadline(seconds: int) -> Iterator[None]:
 
 def composed(tree: fuzz.Tree) -> Config:
     """The configuration that the tree would make as a file."""
+    if found := misfit(Config, tree):
+        raise found
     merged = OmegaConf.merge(OmegaConf.structured(Config), tree)
     assert isinstance(merged, DictConfig)
     return plain(merged)
@@ -106,7 +110,8 @@ def test_the_unspoilt_configuration_runs() -> None:
     assert outcome(fuzz.VALID, "fused") == "ran"
 
 
-FREE = {("network", kind) for kind in ("neurons", "synapses", "groups", "projections")}  # names are the user's
+# names are the user's
+FREE = {("network", kind) for kind in ("neurons", "synapses", "groups", "projections")} | {("world", "kinds")}
 
 
 @pytest.mark.parametrize(
@@ -127,7 +132,7 @@ def test_no_misspelt_key_is_ignored(path: tuple[str, ...]) -> None:
     [
         (["network.groups.left_food.size=1000000"], "network.projections.left_food_to"),
         (["trials=10000000"], "network.projections."),
-        (["world.free_items=100000", "trials=100000"], "world.free_items"),
+        (["world.kinds.food.count=100000", "trials=100000"], "world.kinds.food.count"),
         (["network.plasticity.tau_plus=1e12"], "network.plasticity.tau_plus"),
         (["seconds=1e9", "record.every=0.07", "trials=10"], "record.every"),
         (["engine=reference", "coding.tick=10000", "trials=1000"], "coding.tick"),

@@ -89,7 +89,7 @@ def test_a_trial_that_fails_by_its_food_taxis_is_not_shown_as_one_that_fails_by_
 
 
 def test_captions_give_the_lengths_of_the_runs() -> None:
-    config = {"seconds": 12.0, "world": {"poison_from": 34.0}}
+    config = {"seconds": 12.0, "world": {"kinds": {"food": {"poison_from": 34.0}}}}
     run = hand_made(config=config, series={"time": np.array([0.1, 0.2, 0.3])})
     assert "for 12 s" in caption("random_walk", {"random_walk": run})
     assert "first 12 s" in caption("first_eligibility", {"first_eligibility": run})

@@ -48,7 +48,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "dual_learning/learning, float64": (*LONG, "dtype=float64"),
     "food_attraction/learning, float64": (*LONG, "dtype=float64"),
 }
-MOVED = {"poison=": "world.poison_from="}  # a case's words, and the keys that they stand for today
+MOVED = {"poison=": "world.kinds.food.poison_from="}  # a case's words, and the keys that they stand for today
 
 
 def digests(case: str, folder: Path) -> dict[str, str]:

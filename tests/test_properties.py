@@ -221,19 +221,19 @@ def test_shifting_a_world_on_the_torus_changes_nothing(robot: int, item: int, ri
 def test_a_mirrored_world_with_a_mirrored_brain_gives_a_mirrored_run(engine: str, seed: int) -> None:
     """The mirrored brain is the same one with its eyes and its wheels exchanged; new items are mirrored ones.
     Spikes are equal; places are mirrored to rounding."""
-    options = ["trials=2", f"seed={seed}", "+robot.weights.food_attraction=3", "world.free_items=40"]
+    options = ["trials=2", f"seed={seed}", "+robot.weights.food_attraction=3", "world.kinds.food.count=40"]
     run = make_simulation("+experiment=food_attraction", *options)
-    mirrored, side = copy.deepcopy(run), run.situation.world.side
+    mirrored, side = copy.deepcopy(run), run.situation.world.config.side
 
     def mirror() -> list[Tensor]:
         flip = torch.tensor([1.0, -1.0], dtype=torch.float64)
         places = [
-            torch.remainder(flip * value, side) for value in (run.situation.world.position, run.situation.world.items)
+            torch.remainder(flip * value, side) for value in (run.situation.world.position, run.situation.world.places)
         ]
         return [*places, torch.remainder(-run.situation.world.heading, 2.0 * math.pi)]
 
     world = mirrored.situation.world
-    for target, source in zip((world.position, world.items, world.heading), mirror(), strict=True):
+    for target, source in zip((world.position, world.places, world.heading), mirror(), strict=True):
         target.copy_(source)
     machine = make_engine(engine, "cpu", 1)
     for _ in range(40):
@@ -241,7 +241,7 @@ def test_a_mirrored_world_with_a_mirrored_brain_gives_a_mirrored_run(engine: str
             network = simulation.network
             touched = simulation.situation.world.step(turn(simulation.situation.coding.decode(network)), network.time)
             if simulation is mirrored:
-                world.items.copy_(mirror()[1])
+                world.places.copy_(mirror()[1])
             values = {name: turn(value) for name, value in simulation.situation.world.sense().items()}
             machine.run_network(network, simulation.situation.coding.encode(network, values, touched))
     assert run.situation.world.touches.sum() > 0

@@ -14,7 +14,8 @@ from omegaconf.errors import OmegaConfBaseException
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import conf_dir, dump, load, plain
 from snnrl.configuration.refusals import misfit
-from snnrl.configuration.schema import Config, ConfigError, GroupConfig, ProjectionConfig, check_bounds
+from snnrl.errors import ConfigError
+from snnrl.schema import Config, GroupConfig, ProjectionConfig, check_bounds
 
 KEYS = "experiment, robot, network, coding, world, task, record, checkpoint, trials, trial_start, seconds, seed"
 GRAMMAR = "must be KEY=VALUE, +KEY=VALUE or ~KEY, with all brackets and quotes closed"
@@ -109,7 +110,12 @@ def test_a_wrong_override_is_refused_in_one_line(override: str, line: str) -> No
 
 
 def test_an_override_that_fits_is_not_blamed_for_another() -> None:
-    fitting = ("hydra/job_logging=none", "robot=random_walk", "world.poison_from=null", "network.homeostasis=null")
+    fitting = (
+        "hydra/job_logging=none",
+        "robot=random_walk",
+        "world.kinds.food.poison_from=null",
+        "network.homeostasis=null",
+    )
     with pytest.raises(ConfigError, match=r"^trials=many: must be a whole number$"):
         composed(*fitting, "trials=many")
 

@@ -28,7 +28,6 @@ from PIL import Image
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import load
-from snnrl.configuration.schema import Config
 from snnrl.engines import make_engine
 from snnrl.model.homeostasis import Homeostasis
 from snnrl.model.network import Network
@@ -38,6 +37,7 @@ from snnrl.replay import replay
 from snnrl.replay.credit import Credit, Ledger, pairs_of
 from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.job import perform
+from snnrl.schema import Config
 
 TRIAL, SECONDS, FROM = 60, 5.6, 2.1  # trial 60 finds food at 2.5 s and at 5.0 s
 HOW_TO = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()

@@ -32,8 +32,8 @@ from helpers import (
 from torch import Tensor
 
 from snnrl.configuration.builder import build
-from snnrl.configuration.schema import ConfigError
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
 from snnrl.model.network import Network
 from snnrl.model.plasticity import Plasticity

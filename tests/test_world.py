@@ -6,14 +6,15 @@ import math
 
 import pytest
 import torch
-from helpers import ENGINES, make_simulation, make_world, place
+from helpers import ENGINES, containers, items, make_simulation, make_world, place
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from snnrl.body.world import TOUCHES
+from snnrl.body.world import World
 from snnrl.body.world.geometry import drive, in_disc, offset
 from snnrl.engines import make_engine
+from snnrl.schema import KindConfig
 from snnrl.simulation import Simulation
 
 TICK = 0.07  # s
@@ -30,8 +31,9 @@ def drove(
     position: tuple[float, float], heading: float, wheels: tuple[float, float], seconds: float = TICK
 ) -> tuple[list[float], float]:
     """Where a robot of axle 1 cm is after one step on a torus of side 100."""
-    place, turned = drive(double(*position)[None], double(heading), double(*wheels)[None], seconds, 1.0, 100.0)
-    return place[0].tolist(), float(turned)
+    x, y, left, right = double(*position, *wheels)
+    x, y, turned = drive(x, y, double(heading)[0], left, right, seconds, 1.0, 100.0)
+    return [float(x), float(y)], float(turned)
 
 
 @pytest.mark.parametrize(
@@ -129,7 +131,7 @@ def test_heading_stays_within_one_turn(heading: float, wheels: tuple[float, floa
 
 def test_points_in_a_disc_reach_its_border_and_have_half_their_number_in_half_its_area() -> None:
     uniform = torch.rand(4000, 2, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
-    points = in_disc(14.0, uniform)
+    points = torch.stack(in_disc(double(14.0), *uniform.unbind(1)), 1)
     distance = points.norm(dim=1)
     assert 13.9 < float(distance.max()) <= 14.0
     assert float((distance < 14.0 / 2**0.5).double().mean()) == pytest.approx(0.5, abs=0.03)
@@ -278,15 +280,15 @@ def test_an_item_is_taken_at_less_than_its_radius(origin: tuple[float, float], d
     world = make_world(trials=2, free_items=2)
     for trial in range(2):
         place(world, origin, 0.0, [[(origin[0] + distance) % 300, origin[1]], [150.0, 150.0]], trial=trial)
-    world.items[1, 0] = double(200.0, 200.0)
-    before = world.items.clone()
+    world.places[1, 0] = double(200.0, 200.0)
+    before = items(world)
     touched = world.step(torch.zeros(2, 2, dtype=torch.float64), torch.tensor(700))
     assert touched["food"].tolist() == [taken, False]
     assert world.touches.tolist() == [[int(taken), 0, 0], [0, 0, 0]]
-    assert bool((world.items[0, 0] != before[0, 0]).all()) is taken
-    assert torch.equal(world.items[0, 1], before[0, 1])
-    assert torch.equal(world.items[1], before[1])
-    assert bool(((world.items >= 0) & (world.items < 300)).all())
+    assert bool((items(world)[0, 0] != before[0, 0]).all()) is taken
+    assert torch.equal(items(world)[0, 1], before[0, 1])
+    assert torch.equal(items(world)[1], before[1])
+    assert bool(((items(world) >= 0) & (items(world) < 300)).all())
 
 
 def test_items_of_one_tick_are_counted_each_and_land_in_different_places() -> None:
@@ -294,7 +296,7 @@ def test_items_of_one_tick_are_counted_each_and_land_in_different_places() -> No
     place(world, (50.0, 50.0), 0.0, [[50.0, 51.0], [51.0, 50.0], [60.0, 60.0]])
     assert bool(world.step(STILL, NOW)["food"])
     assert world.touches.tolist() == [[2, 0, 0]]
-    assert not torch.equal(world.items[0, 0], world.items[0, 1])
+    assert not torch.equal(items(world)[0, 0], items(world)[0, 1])
 
 
 def test_places_of_replaced_items_differ_from_tick_to_tick() -> None:
@@ -303,19 +305,19 @@ def test_places_of_replaced_items_differ_from_tick_to_tick() -> None:
         world = make_world(free_items=1)
         place(world, (50.0, 50.0), 0.0, [[50.0, 51.0]])
         world.step(STILL, torch.tensor(time))
-        found.append(world.items.clone())
+        found.append(items(world).clone())
     assert not torch.equal(*found)
 
 
 @pytest.mark.parametrize("kind", ["free_items", "food_containers"])
 def test_what_is_taken_in_the_first_tick_lands_elsewhere(kind: str) -> None:
     world = make_world(20, int(kind == "free_items"), int(kind == "food_containers"))
-    before = world.items.clone()
-    world.position.copy_(world.items[:, 0])
+    before = items(world).clone()
+    world.position.copy_(items(world)[:, 0])
     world.inside.fill_(-1 if kind == "free_items" else 0)
     world.step(torch.zeros(20, 2, dtype=torch.float64), NOW)
     assert world.touches[:, 0].tolist() == [1] * 20
-    assert bool((world.items != before).all())
+    assert bool((items(world) != before).all())
 
 
 def test_the_robot_moves_before_it_touches() -> None:
@@ -323,7 +325,7 @@ def test_the_robot_moves_before_it_touches() -> None:
     place(world, (50.0, 50.0), 0.0, [[54.0, 50.0], [48.0, 50.0]])
     world.step(double(*EQUAL)[None], NOW)  # 1.967 cm: towards one, away from the other
     assert world.touches.tolist() == [[1, 0, 0]]
-    assert world.items[0, 1].tolist() == [48.0, 50.0]
+    assert items(world)[0, 1].tolist() == [48.0, 50.0]
 
 
 @pytest.mark.parametrize(("kind", "counts"), [("food", [0, 1, 0]), ("empty", [0, 0, 1])])
@@ -379,12 +381,12 @@ def test_food_in_a_container_is_sensed_and_touched_from_inside_only() -> None:
     world = make_world(trials=2, food_containers=1)
     for trial, x in enumerate((35.5, 36.5)):  # 0.5 cm outside, 0.5 cm inside
         place(world, (x, 50.0), 0.0, [[37.5, 50.0]], [[50.0, 50.0]], trial=trial)
-    world.item_radius = 0.1
+    world.kinds.radius[0] = 0.1
     world.step(torch.zeros(2, 2, dtype=torch.float64), NOW)
     assert world.inside.tolist() == [-1, 0]
     assert world.sense()["food"][0].tolist() == [0.0, 0.0]
     assert world.sense()["food"][1].tolist() == pytest.approx([1 - 0.9 / 30, 0.0])
-    world.item_radius = 2.4
+    world.kinds.radius[0] = 2.4
     touched = world.step(torch.zeros(2, 2, dtype=torch.float64), NOW)
     assert touched["food"].tolist() == [False, True]
 
@@ -437,39 +439,110 @@ def test_a_container_moves_with_its_item_when_that_is_taken() -> None:
     assert not touched["food_container"].any()
     assert (world.touches == torch.tensor([1, 0, 0])).all()
     assert (world.inside == -1).all()
-    assert (world.containers[:, 0] == double(100.0, 50.0)).all()
-    assert (world.containers[:, 2] == double(200.0, 200.0)).all()
-    assert (world.items[:, 0] == double(99.0, 50.0)).all()
-    distance = offset(world.containers[:, 1], world.items[:, 1], 300.0).norm(dim=1)
+    assert (containers(world)[:, 0] == double(100.0, 50.0)).all()
+    assert (containers(world)[:, 2] == double(200.0, 200.0)).all()
+    assert (items(world)[:, 0] == double(99.0, 50.0)).all()
+    distance = offset(containers(world)[:, 1], items(world)[:, 1], 300.0).norm(dim=1)
     assert float(distance.max()) < 14.0 + 1e-9
     assert 7.0 < float(distance.median()) < 12.5
-    assert len(world.containers[:, 1].unique(dim=0)) == trials
-    assert float((world.containers[:, 1] - double(50.0, 60.0)).abs().min()) > 0.0
+    assert len(containers(world)[:, 1].unique(dim=0)) == trials
+    assert float((containers(world)[:, 1] - double(50.0, 60.0)).abs().min()) > 0.0
 
 
 def test_entering_and_taking_can_happen_in_one_tick() -> None:
     world = make_world(food_containers=1)
     place(world, (36.5, 50.0), 0.0, [[38.0, 50.0]], [[50.0, 50.0]])
     touched = world.step(STILL, NOW)
-    assert [bool(touched[name]) for name in TOUCHES] == [True, True, False]
+    assert [bool(touched[name]) for name in world.kinds.names] == [True, True, False]
     assert world.touches.tolist() == [[1, 1, 0]]
     assert world.inside.tolist() == [-1]
 
 
 def test_a_world_starts_with_every_item_in_its_container() -> None:
     world = make_world(trials=20, free_items=3, food_containers=4, empty_containers=2)
-    assert world.containers.shape == (20, 6, 2)
-    distance = offset(world.containers[:, :4], world.items[:, 3:], 300.0).norm(dim=2)
+    assert containers(world).shape == (20, 6, 2)
+    distance = offset(containers(world)[:, :4], items(world)[:, 3:], 300.0).norm(dim=2)
     assert float(distance.max()) < 14.0 + 1e-9
-    for tensor in (world.position, world.items, world.containers):
+    for tensor in (world.position, items(world), containers(world)):
         assert bool(((tensor >= 0) & (tensor < 300)).all())
     assert bool((world.inside == -1).all())
 
 
-@pytest.mark.parametrize(("poison_from", "signs"), [(None, [1, 1, 1]), (1000, [1, -1, -1]), (0, [-1, -1, -1])])
-def test_items_are_poison_from_their_time_on(poison_from: int | None, signs: list[int]) -> None:
-    world = make_world(trials=2, poison_from=poison_from)
-    assert [world.sign(torch.tensor(time)).tolist() for time in (999, 1000, 5000)] == [[s, s] for s in signs]
+def touch(world: World, kind: str, time: int = 700) -> None:
+    """Put the robot on an object of that kind, and let it touch that."""
+    world.position.copy_(world.places[:, int(world.kinds.index(kind)[0])])
+    world.inside.fill_(-1)
+    assert bool(world.step(STILL, torch.tensor(time))[kind].all())
+
+
+@pytest.mark.parametrize(("poison_from", "signs"), [(None, [1, 1, 1]), (1.0, [1, -1, -1]), (0.0, [-1, -1, -1])])
+def test_food_is_poison_from_its_time_on(poison_from: float | None, signs: list[int]) -> None:
+    for time, sign in zip((999, 1000, 5000), signs, strict=True):
+        world = make_world(free_items=1, poison_from=poison_from)
+        assert world.value(torch.tensor(time)).tolist() == [sign, 1, 1]
+        touch(world, "food", time)
+        assert world.sign.tolist() == [sign]
+
+
+def test_the_sign_is_that_of_what_was_touched_last() -> None:
+    world = make_world(free_items=1, empty_containers=1, poison=KindConfig(1, 2.0, sign=-1))
+    signs = []
+    for kind in ("food", "poison", "food", "poison", "empty_container"):
+        touch(world, kind)
+        world.position.copy_(double(0.0, 0.0)[None])
+        world.places.clamp_(min=20.0)
+        world.step(STILL, NOW)
+        signs.append(float(world.sign))
+    assert signs == [1.0, -1.0, 1.0, -1.0, 1.0]
+    assert [int(world.count(kind)) for kind in ("food", "poison", "empty_container", "nothing")] == [2, 2, 1, 0]
+
+
+def test_of_food_and_poison_touched_at_once_poison_decides() -> None:
+    world = make_world(free_items=1, poison=KindConfig(1, 2.0, sign=-1))
+    place(world, (50.0, 50.0), 0.0, [[50.0, 51.0], [50.0, 49.0]])
+    world.step(STILL, NOW)
+    assert (world.touches.tolist(), world.sign.tolist()) == ([[1, 0, 0, 1]], [-1.0])
+
+
+def test_what_needs_opening_is_entered_after_that_and_until_it_is_emptied() -> None:
+    world = make_world(
+        key=KindConfig(1, 2.0, opens=["chest"]), chest=KindConfig(1, 10.0, "entered", "food"), food_containers=1
+    )
+    for _ in range(2):
+        world.places.copy_(double(*([50.0] * 2 + [100.0] * 2 + [200.0] * 2)).view(3, 2)[[0, 1, 2, 0, 2]][None])
+        world.position.copy_(double(200.0, 200.0)[None])
+        world.inside.fill_(-1)
+        assert not any(bool(felt) for felt in world.step(STILL, NOW).values())  # locked, and what is in it is hidden
+        touch(world, "key")
+        world.places[:, world.kinds.index("chest")] = double(200.0, 200.0)
+        world.places[:, 4] = double(205.0, 200.0)
+        world.position.copy_(double(200.0, 200.0)[None])
+        felt = world.step(STILL, NOW)
+        assert [name for name, one in felt.items() if bool(one)] == ["chest"]
+        world.position.copy_(double(204.0, 200.0)[None])
+        felt = world.step(STILL, torch.tensor(700))
+        assert [name for name, one in felt.items() if bool(one)] == ["food"]
+        assert world.inside.tolist() == [-1]
+        assert not world.unlocked.any()
+
+
+def test_what_does_not_hide_lets_see_out_and_in() -> None:
+    world = make_world(free_items=1, bush=KindConfig(1, 10.0, "entered", "food", hides=False))
+    place(world, (50.0, 50.0), 0.0, [[58.0, 50.0], [55.0, 51.0]], [[50.0, 50.0]], inside=0)
+    assert world.sense()["food"][0].tolist() == pytest.approx([1 - (math.hypot(5.0, 1.0) - 2.4) / 30, 0.0])
+    place(world, (65.0, 50.0), math.pi, [[90.0, 90.0], [55.0, 51.0]], [[50.0, 50.0]])
+    assert world.sense()["food"][0].tolist() == pytest.approx([0.0, 1 - (math.hypot(10.0, 1.0) - 2.4) / 30])
+    place(world, (55.0, 50.0), 0.0, [[90.0, 90.0], [55.0, 51.0]], [[50.0, 50.0]], inside=0)
+    world.step(STILL, NOW)
+    assert (int(world.count("food")), world.inside.tolist()) == (1, [-1])
+
+
+def test_a_sensor_of_several_kinds_sees_the_one_that_begins_nearest() -> None:
+    world = make_world(rock=KindConfig(1, 9.0), pebble=KindConfig(1, 1.0))
+    world.config.ranges["food"].sees = ["rock", "pebble"]
+    world = World(world.draws, world.config, 70)
+    place(world, (50.0, 50.0), 0.0, [[65.0, 55.0], [60.0, 45.0]])
+    assert world.sense()["food"][0].tolist() == pytest.approx([1 - (math.hypot(15.0, 5.0) - 9.0) / 30, 0.0])
 
 
 SITUATIONS = {  # position, heading, free items, food items, food containers, empty container, inside; touches
@@ -499,9 +572,9 @@ def situations() -> Simulation:
         "+experiment=dual_learning",
         f"trials={len(SITUATIONS)}",
         "seconds=1",
-        "world.free_items=1",
-        "world.food_containers=2",
-        "world.empty_containers=1",
+        "world.kinds.food.count=1",
+        "world.kinds.food_container.count=2",
+        "world.kinds.empty_container.count=1",
         "seed=3",
     )
     for trial, (position, heading, free, food, empty, inside, _) in enumerate(SITUATIONS.values()):
@@ -545,11 +618,42 @@ def test_engines_agree_on_whole_ticks(ticks: int) -> None:
 def test_engines_agree_on_places_where_food_lies_anew() -> None:
     """Items and containers move to the same places in both, and only where food was taken."""
     both = [situations() for _ in ENGINES]
-    before = both[0].situation.world.items.clone()
+    before = items(both[0].situation.world).clone()
     for engine, simulation in zip(ENGINES, both, strict=True):
         simulation.run(make_engine(engine, "cpu", 1), 1)
     first, second = (simulation.situation.world for simulation in both)
-    assert torch.allclose(first.items, second.items, rtol=0, atol=1e-9)
-    assert torch.allclose(first.containers, second.containers, rtol=0, atol=1e-9)
-    moved = (second.items != before).any(2).sum(1).tolist()
+    assert torch.allclose(items(first), items(second), rtol=0, atol=1e-9)
+    assert torch.allclose(containers(first), containers(second), rtol=0, atol=1e-9)
+    moved = (items(second) != before).any(2).sum(1).tolist()
     assert moved == [situation[-1][0] for situation in SITUATIONS.values()]
+
+
+def test_engines_agree_in_a_world_of_many_kinds() -> None:
+    """Poison beside food, keys and what they open, bushes that do not hide, sensors of several kinds; all touched."""
+    options = [
+        "+experiment=dual_learning",
+        "robot=benchmark",
+        "trials=4",
+        "world.side=160",
+        "world.kinds.food.count=12",
+        "world.kinds.food.poison_from=15",
+        "world.kinds.food_container.count=3",
+        "world.kinds.empty_container.count=2",
+        "+world.kinds.poison={count: 6, radius: 3.0, sign: -1}",
+        "+world.kinds.key={count: 9, radius: 4.0, opens: [chest]}",
+        "+world.kinds.chest={count: 3, radius: 12.0, touched: entered, holds: food, speed: 0.7}",
+        "+world.kinds.bush={count: 2, radius: 9.0, touched: entered, holds: poison, hides: false}",
+        "world.ranges.food.sees=[food,key,poison]",
+        "world.ranges.container.sees=[food_container,chest,bush]",
+        "+coding.touches.poison=food_touch",
+        "+coding.touches.chest=food_container_touch",
+    ]
+    both = [make_simulation(*options) for _ in ENGINES]
+    for engine, simulation in zip(ENGINES, both, strict=True):
+        simulation.run(make_engine(engine, "cpu", 1), 286)
+    reference, fused = (simulation.state_dict() for simulation in both)
+    touches = both[0].situation.world.touches.sum(0)
+    assert bool((touches > 0).all()), dict(zip(both[0].situation.world.kinds.names, touches.tolist(), strict=True))
+    for key, value in reference.items():
+        within = 1e-6 if key.endswith((".v", ".u")) else 1e-9
+        assert torch.allclose(value.double(), fused[key].double(), rtol=0, atol=within), key

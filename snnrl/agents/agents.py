@@ -13,8 +13,8 @@ from torch import Tensor
 from torch.nn.functional import one_hot
 
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
-from snnrl.configuration.schema import BraitenbergConfig, QLearningConfig, SarsaLambdaConfig
 from snnrl.model.draws import Draws, stream
+from snnrl.schema import BraitenbergConfig, QLearningConfig, SarsaLambdaConfig
 
 CHOICES = 3
 

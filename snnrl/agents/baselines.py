@@ -29,7 +29,6 @@ from snnrl.body.world import World
 from snnrl.configuration.builder import build
 from snnrl.configuration.checks import check, torch_device
 from snnrl.configuration.compose import plain
-from snnrl.configuration.schema import BaselinesConfig, Config, check_bounds
 from snnrl.drawing.style import png
 from snnrl.engines import make_engine
 from snnrl.errors import ConfigError
@@ -38,6 +37,7 @@ from snnrl.intervals import student, student_half
 from snnrl.model.draws import Draws
 from snnrl.running.command import Passed, discard
 from snnrl.running.schedule import ticks_of
+from snnrl.schema import FOOD, BaselinesConfig, Config, check_bounds
 
 SPIKING = "spiking"
 AGENTS: Mapping[str, Callable[[Draws, int, BaselinesConfig], Agent]] = {
@@ -142,10 +142,10 @@ def collect(task: str, agent: str, config: Config, options: BaselinesConfig) -> 
     """Run one agent through one task."""
     world, advance = spiking_robot(config) if agent == SPIKING else agent_robot(config, agent, options)
     marks = marks_of(config, options.samples)
-    counts: list[Tensor] = [world.touches[:, 0].cpu().clone()]
+    counts: list[Tensor] = [world.count(FOOD).cpu().clone()]
     for before, mark in zip([0, *marks], marks, strict=False):
         advance(mark - before)
-        counts.append(world.touches[:, 0].cpu().clone())
+        counts.append(world.count(FOOD).cpu().clone())
     coding, described = config.body()
     poison_from = math.inf if described.poison_from is None else described.poison_from
     tick = coding.tick / 1000.0

@@ -6,11 +6,11 @@ import torch
 from torch import Tensor
 
 from snnrl.body.coding import wheel_speeds
-from snnrl.body.world import TOUCHES
+from snnrl.body.world.kinds import TAKEN
 from snnrl.configuration.builder import build_world
-from snnrl.configuration.schema import Config
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
+from snnrl.schema import Config
 
 LEFT, STRAIGHT, RIGHT = range(3)  # the wheel choices
 
@@ -35,9 +35,8 @@ class Foraging:
         if not self.coding.ranges:
             raise ConfigError("coding.ranges", "{}", "an agent needs at least one range sensor")
         self.world = build_world(world, self.coding, draws)
-        self.felt = [TOUCHES.index(name) for name in self.coding.touches]
         device = draws.trials.device
-        self.touched = torch.zeros(len(draws.trials), len(self.felt), dtype=torch.bool, device=device)
+        self.touched = torch.zeros(len(draws.trials), len(self.coding.touches), dtype=torch.bool, device=device)
         self.time = torch.zeros((), dtype=torch.int64, device=device)
 
     def ranges(self) -> Tensor:
@@ -47,16 +46,18 @@ class Foraging:
 
     def wheels(self, choice: Tensor) -> Tensor:
         """Wheel speeds (cm/s), float64 [B, 2], of LEFT, STRAIGHT or RIGHT, int64 [B]."""
-        return wheel_speeds(choice - STRAIGHT, self.coding.slow, self.coding.fast)
+        return torch.stack(wheel_speeds((choice - STRAIGHT).double(), self.coding.slow, self.coding.fast), 1)
 
     def step(self, wheels: Tensor) -> Tensor:
         """Move through one tick at these wheel speeds (cm/s), [B, 2].
 
         Returns the reward, float64 [B]: +1 for each item of food taken, -1 for each of poison.
         """
-        before = self.world.touches[:, 0].clone()
+        before = self.world.touches.clone()
         touched = self.world.step(wheels, self.time)
-        self.touched = torch.stack([touched[name] for name in TOUCHES], 1)[:, self.felt]
-        reward = (self.world.touches[:, 0] - before) * self.world.sign(self.time)
+        if self.coding.touches:
+            self.touched = torch.stack([touched[name] for name in self.coding.touches], 1)
+        taken = (self.world.touches - before) * (self.world.kinds.effect == TAKEN)
+        reward = (taken * self.world.value(self.time)).sum(1)
         self.time += self.coding.tick
         return reward

@@ -36,7 +36,7 @@ class Robot(nn.Module):
         wheels = self.coding.decode(network)
         touched = self.world.step(wheels, network.time)
         current = self.coding.encode(network, self.world.sense(), touched)
-        return current, self.world.sign(network.time).to(network.dtype), None
+        return current, self.world.sign.to(network.dtype), None
 
     def finish(self, network: Network, fired: Tensor) -> None:
         """Nothing is left to do."""

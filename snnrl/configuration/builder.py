@@ -8,13 +8,21 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from snnrl.body.coding import Coding, Pulse
+from snnrl.body.coding import Coding
 from snnrl.body.robot import Robot
-from snnrl.body.world import RangeSensor, World
+from snnrl.body.world import World
 from snnrl.configuration import footprint, parts
 from snnrl.configuration.checks import UNTAUGHT, check, check_network, torch_device
 from snnrl.configuration.functions import function
-from snnrl.configuration.schema import (
+from snnrl.errors import ConfigError
+from snnrl.model.draws import Draws, stream
+from snnrl.model.homeostasis import Homeostasis
+from snnrl.model.modulators import Modulator, burst
+from snnrl.model.network import Network
+from snnrl.model.neurons import NeuronGroup
+from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate
+from snnrl.model.synapses import Projection
+from snnrl.schema import (
     CodingConfig,
     Config,
     GroupConfig,
@@ -31,14 +39,6 @@ from snnrl.configuration.schema import (
     WorldConfig,
     check_bounds,
 )
-from snnrl.errors import ConfigError
-from snnrl.model.draws import Draws, stream
-from snnrl.model.homeostasis import Homeostasis
-from snnrl.model.modulators import Modulator, burst
-from snnrl.model.network import Network
-from snnrl.model.neurons import NeuronGroup
-from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate
-from snnrl.model.synapses import Projection
 from snnrl.simulation import Simulation
 from snnrl.tasks.coincidences import Coincidence
 from snnrl.tasks.rewards import Reward
@@ -226,36 +226,12 @@ def _stimuli(config: StimuliConfig, network: Network) -> Stimuli:
 
 def build_coding(config: CodingConfig, network: Network) -> Coding:
     """What joins the network to the world's sensors and wheels."""
-    return Coding(
-        network,
-        {name: (pair.left, pair.right) for name, pair in config.ranges.items()},
-        config.touches,
-        (config.motors.left, config.motors.right),
-        Pulse(config.range_mean, config.range_gain),
-        Pulse(config.touch_mean, config.touch_gain),
-        config.exploration,
-        config.slow,
-        config.fast,
-        config.tick,
-    )
+    return Coding(network, config)
 
 
 def build_world(config: WorldConfig, coding: CodingConfig, draws: Draws, kind: type[World] = World) -> World:
     """The world (of that kind) of the trials of `draws`, for robots with that tick and those wheel speeds."""
-    world = kind(
-        draws,
-        config.side,
-        config.free_items,
-        config.food_containers,
-        config.empty_containers,
-        config.item_radius,
-        config.container_radius,
-        config.axle,
-        config.container_speed,
-        {k: RangeSensor(v.reach, v.measured_to == "border") for k, v in config.ranges.items()},
-        coding.tick,
-        None if config.poison_from is None else round(1000 * config.poison_from),
-    )
+    world = kind(draws, config, coding.tick)
     if config.orbiting:
         world.start_orbiting(coding.slow, coding.fast)
     return world

@@ -7,19 +7,20 @@ from collections.abc import Iterable
 import torch
 from torch import nn
 
-from snnrl.body.world import TOUCHES
 from snnrl.configuration.parts import modulator_key, modulators, neuron_model, neuron_parameters, rules, weight_bounds
-from snnrl.configuration.schema import (
+from snnrl.errors import ConfigError
+from snnrl.model.synapses import DOPAMINE
+from snnrl.schema import (
+    CodingConfig,
     Config,
     NetworkConfig,
     NeuronConfig,
     RobotConfig,
     StimuliConfig,
     SynapseConfig,
+    WorldConfig,
     check_bounds,
 )
-from snnrl.errors import ConfigError
-from snnrl.model.synapses import DOPAMINE
 
 UNTAUGHT = RobotConfig(name="untaught")
 RESERVED = frozenset(dir(nn.ModuleDict()))
@@ -171,24 +172,43 @@ def check_robot(config: Config) -> None:
             if not any(p.pre == group and p.post in motors for p in config.network.projections.values()):
                 raise ConfigError(key, group, "must have a projection to a motor group")
     for name, group in coding.touches.items():
-        _one_of("coding.touches", name, TOUCHES)
+        _one_of("coding.touches", name, world.kinds)
         _one_of(f"coding.touches.{name}", group, groups)
-    if world.orbiting and not (world.free_items and coding.slow < coding.fast):
-        raise ConfigError("world.orbiting", True, "needs world.free_items of at least 1 and coding.slow < coding.fast")
-    for name, eye in world.ranges.items():
-        _one_of("world.ranges", name, ("food", "container"))
-        _one_of("world.ranges", name, coding.ranges)
-        radius = world.item_radius if name == "food" else world.container_radius
-        needed = 2 * (eye.reach + radius)
-        if world.side < needed:
-            allowed = f"must be at least {needed:g}, twice what the {name} sensor sees"
-            raise ConfigError("world.side", world.side, allowed)
+    _check_world(world, coding)
     roles = {projection.role for projection in config.network.projections.values()}
     for taxis, rule in config.experiment.correct.items():
         _one_of(f"experiment.correct.{taxis}", rule, ("together", "each_side"))
         if not {f"{taxis}_attraction", f"{taxis}_avoidance"} <= roles:
             allowed = "needs projections with the roles NAME_attraction and NAME_avoidance"
             raise ConfigError("experiment.correct", taxis, allowed)
+
+
+def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
+    if not world.kinds:
+        raise ConfigError("world.kinds", "{}", "a world needs at least one kind of object")
+    for name, kind in world.kinds.items():
+        for key, value in (("holds", kind.holds), *(("opens", other) for other in kind.opens)):
+            if value:
+                _one_of(f"world.kinds.{name}.{key}", value, world.kinds)
+        if kind.holds and kind.touched != "entered":
+            raise ConfigError(f"world.kinds.{name}.holds", kind.holds, "needs touched=entered")
+        if kind.holds and world.kinds[kind.holds].touched != "taken":
+            raise ConfigError(f"world.kinds.{name}.holds", kind.holds, "must be a kind with touched=taken")
+        if kind.sign == 0:
+            raise ConfigError(f"world.kinds.{name}.sign", 0, "must be 1 or -1")
+        if kind.poison_from is not None and kind.touched != "taken":
+            raise ConfigError(f"world.kinds.{name}.poison_from", kind.poison_from, "needs touched=taken")
+    first = next((kind for kind in world.kinds.values() if kind.count), None)
+    if world.orbiting and not (first and first.touched == "taken" and coding.slow < coding.fast):
+        raise ConfigError("world.orbiting", True, "needs a first kind that is taken, and coding.slow < coding.fast")
+    for name, eye in world.ranges.items():
+        _one_of("world.ranges", name, coding.ranges)
+        for seen in eye.sees or [name]:
+            _one_of(f"world.ranges.{name}.sees", seen, world.kinds)
+            needed = 2 * (eye.reach + world.kinds[seen].radius)
+            if world.side < needed:
+                allowed = f"must be at least {needed:g}, twice what the {name} sensor sees"
+                raise ConfigError("world.side", world.side, allowed)
 
 
 def check_task(config: Config) -> None:

@@ -14,8 +14,8 @@ from yaml import YAMLError
 
 from snnrl.configuration.loader import guarded
 from snnrl.configuration.refusals import Refusal, misfit, reason, unreadable
-from snnrl.configuration.schema import BaselinesConfig, Config
 from snnrl.errors import ConfigError
+from snnrl.schema import BaselinesConfig, Config
 
 ConfigStore.instance().store(name="schema", node=Config)
 ConfigStore.instance().store(name="baselines_schema", node=BaselinesConfig)

@@ -7,8 +7,8 @@ import os
 from collections.abc import Mapping
 
 from snnrl.configuration.parts import modulator_key, modulators
-from snnrl.configuration.schema import Config, NetworkConfig, ProjectionConfig
 from snnrl.errors import ConfigError
+from snnrl.schema import Config, NetworkConfig, ProjectionConfig
 
 # Bytes, measured as the growth of the process and rounded up; tests/test_fuzzer.py holds them against it.
 PAIR = 200  # of a projection's neurons, while the projection is drawn
@@ -87,6 +87,6 @@ def of_run(config: Config) -> dict[str, float]:
     if config.engine == "reference" or config.task is not None:
         parts["task.tick" if config.task is not None else "coding.tick"] = float(trials) * tick * neurons * CURRENT
     if config.world is not None:
-        for name in ("free_items", "food_containers", "empty_containers"):
-            parts[f"world.{name}"] = float(trials) * getattr(config.world, name) * OBJECT
+        for name, kind in config.world.kinds.items():
+            parts[f"world.kinds.{name}.count"] = float(trials) * kind.count * OBJECT * (2 if kind.holds else 1)
     return parts

@@ -19,8 +19,8 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from snnrl.configuration.refusals import OVERRIDE, Refusal, misfit, nested, reason, unreadable, without_none
-from snnrl.configuration.schema import BaselinesConfig, Config
 from snnrl.errors import ConfigError
+from snnrl.schema import BaselinesConfig, Config
 
 SCHEMAS = {"config": Config, "baselines": BaselinesConfig}
 # what the names that make objects may begin with
@@ -61,7 +61,7 @@ class Loader(ConfigLoaderImpl):
             raise unreadable(error, config_name) from error
         except ConfigError:
             raise
-        except (HydraException, OmegaConfBaseException, ValueError) as error:
+        except (HydraException, OmegaConfBaseException, ValueError, OverflowError) as error:
             raise self._refusal(error, kind, overrides) from error
         for group, choice in config.hydra.runtime.choices.items():
             if choice is not None and (".." in PurePath(choice).parts or PurePath(choice).is_absolute()):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from snnrl.configuration.functions import function
-from snnrl.configuration.schema import ModulatorConfig, NetworkConfig, NeuronConfig, PlasticityConfig, SynapseConfig
 from snnrl.errors import ConfigError
 from snnrl.model.neurons import IZHIKEVICH, NeuronModel
 from snnrl.model.synapses import DOPAMINE
+from snnrl.schema import ModulatorConfig, NetworkConfig, NeuronConfig, PlasticityConfig, SynapseConfig
 
 
 def rules(config: NetworkConfig) -> dict[str, PlasticityConfig]:

@@ -14,8 +14,8 @@ from omegaconf import MISSING, BooleanNode, FloatNode, IntegerNode, StringNode
 from omegaconf.errors import OmegaConfBaseException, ValidationError
 from yaml import MarkedYAMLError
 
-from snnrl.configuration.schema import Config
 from snnrl.errors import ConfigError
+from snnrl.schema import Config, no_such_key
 
 SCALARS: dict[Any, tuple[Any, str]] = {
     bool: (BooleanNode, "true or false"),
@@ -89,7 +89,7 @@ def misfit(kind: Any, value: Any, key: str = "") -> ConfigError | None:
     try:
         if kind in SCALARS:
             SCALARS[kind][0](value, is_optional=False)
-    except ValidationError:
+    except (ValidationError, OverflowError):
         return wrong
     return wrong if origin is list else None
 
@@ -101,7 +101,7 @@ def _misfit_inside(kind: Any, table: dict[Any, Any], key: str) -> ConfigError | 
         if not isinstance(name, str):
             return ConfigError(key, name, "cannot be a name; in quotes it can")
         if inner != "hydra" and name not in hints:
-            return ConfigError(inner, part, f"no such key; allowed here: {', '.join(hints)}")
+            return ConfigError(inner, part, no_such_key(inner, hints))
         if found := misfit(HydraConf if inner == "hydra" else hints[name], part, inner):
             return found
     return None

@@ -3,41 +3,52 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+import torch
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from snnrl.body.world import World
+from snnrl.body.world.kinds import ENTERED
 from snnrl.drawing.style import CONTAINER, FOOD, OTHER, POISON, figure
 from snnrl.model.network import Network
 from snnrl.model.synapses import Projection
+from snnrl.schema import FOOD as SCORED
 
 ROWS = 1000  # at most, of neurons in a raster or a matrix
 
 
-def draw_world(axis: Axes, world: World, poison: bool = False) -> None:
-    """The world of the first trial as it is, with its containers, items (food or poison) and robot."""
-    for k, centre in enumerate(world.containers[0].tolist()):
-        full = k < world.food_containers
-        axis.add_patch(
-            Circle(tuple(centre), world.container_radius, fc=CONTAINER if full else "none", ec="#999933", lw=1)
-        )
-    for centre in world.items[0].tolist():
-        axis.add_patch(Circle(tuple(centre), world.item_radius, color=POISON if poison else FOOD))
+def draw_world(axis: Axes, world: World, time: int = 0) -> None:
+    """The world of the first trial as it is at a time (ms), with what can be entered, what can be taken, and the robot.
+
+    What can be entered is filled where it holds something; what can be taken has the colour of food or of poison.
+    """
+    kinds, bad = world.kinds, (world.value(torch.tensor(time, device=world.places.device)) < 0).tolist()
+    for entered in (True, False):
+        for centre, k in zip(world.places[0].tolist(), kinds.kind.tolist(), strict=True):
+            if (int(kinds.effect[k]) == ENTERED) != entered:
+                continue
+            name = kinds.names[k]
+            full = CONTAINER if world.config.kinds[name].holds else "none"
+            style: dict[str, Any] = {"fc": full, "ec": "#999933", "lw": 1}
+            if not entered:
+                style = {"color": POISON if bad[k] else FOOD if name == SCORED else OTHER}
+            axis.add_patch(Circle(tuple(centre), float(kinds.radius[k]), **style))
     x, y = world.position[0].tolist()
     heading = float(world.heading[0])
     axis.plot(x, y, marker=(3, 0, np.degrees(heading) - 90), color="#332288", ms=8)
     axis.grid(False)
-    axis.set(xlim=(0, world.side), ylim=(0, world.side), aspect="equal", xlabel="x (cm)")
+    axis.set(xlim=(0, world.config.side), ylim=(0, world.config.side), aspect="equal", xlabel="x (cm)")
 
 
 def arena(world: World, path: np.ndarray) -> Figure:
     """The world of the first trial, and where its robot has been: `path` [T, 2], cm."""
     drawn, axis = figure(width=4.2, height=4.0)
-    jumps = np.abs(np.diff(path, axis=0)).max(1, initial=0.0) > world.side / 2  # over the edge of the torus
+    jumps = np.abs(np.diff(path, axis=0)).max(1, initial=0.0) > world.config.side / 2  # over the edge of the torus
     broken = np.insert(path, np.flatnonzero(jumps) + 1, np.nan, axis=0)
     axis.plot(*broken.T, color="#332288", linewidth=1.0, alpha=0.6)
     draw_world(axis, world)

@@ -8,7 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from snnrl.configuration.schema import AlarmsConfig
+from snnrl.schema import AlarmsConfig
 from snnrl.simulation import Simulation
 
 KINDS = ("silent", "saturated", "synchronised", "non-finite")

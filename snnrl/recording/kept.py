@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from snnrl.body.world import TOUCHES
 from snnrl.recording.criteria import correct
 from snnrl.recording.probes import Moment, Probe, followed, food, other_weights, probes_of
 from snnrl.simulation import Simulation
@@ -89,7 +88,7 @@ def end_of_robot(simulation: Simulation[Any], rules: Mapping[str, str], series: 
     taken = food(simulation).double()
     return Ending(
         columns={
-            **dict(zip(TOUCHES, touches.T, strict=True)),
+            **dict(zip(simulation.situation.world.kinds.names, touches.T, strict=True)),
             "correct": learnt.cpu().numpy(),
             **{projection.name: projection.mean_weight().cpu().numpy() for projection in projections},
         },

@@ -11,6 +11,7 @@ from torch import Tensor
 
 from snnrl.body.robot import Robot
 from snnrl.model.synapses import DOPAMINE, Projection
+from snnrl.schema import FOOD
 from snnrl.simulation import Simulation
 from snnrl.tasks.task import Task
 
@@ -103,11 +104,11 @@ class Probe:
 
 
 def counts(simulation: Simulation[Any]) -> dict[str, Tensor]:
-    """What only ever grows: ms, spikes by group, the sum of dopamine's level over all ms, and a robot's touches."""
+    """What only ever grows: ms, spikes by group, the sum of dopamine's level over all ms, and a robot's food."""
     network, situation = simulation.network, simulation.situation
     found = {"ms": network.time, "spikes": network.spike_count}
     if isinstance(situation, Robot):
-        found["touches"] = situation.world.touches
+        found["food"] = situation.world.count(FOOD)
     if network.dopamine is not None:
         found["dopamine"] = network.dopamine.total
     return {key: values.cpu().clone() for key, values in found.items()}
@@ -154,11 +155,11 @@ def mean_dopamine(moment: Moment) -> Tensor:
 
 def food(simulation: Simulation[Any]) -> Tensor:
     """Items that each robot has taken since the start, int64 [B]."""
-    return simulation.situation.world.touches[:, 0]
+    return simulation.situation.world.count(FOOD)
 
 
 def collection_rate(moment: Moment) -> Tensor:
-    return moment.change["touches"][:, 0] / (moment.ms / 1000.0)
+    return moment.change["food"] / (moment.ms / 1000.0)
 
 
 def position(moment: Moment) -> Tensor:

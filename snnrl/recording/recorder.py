@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from snnrl.configuration.schema import RecordConfig
 from snnrl.files import csv_of, npz_of, write
 from snnrl.model.synapses import Projection
 from snnrl.recording.alarms import POINTS, Alarms
@@ -17,6 +16,7 @@ from snnrl.recording.board import ALARMS, Board
 from snnrl.recording.film import PATH, Film
 from snnrl.recording.kept import Kept
 from snnrl.recording.probes import Moment, Probe, counts, followed
+from snnrl.schema import RecordConfig
 from snnrl.simulation import Simulation
 
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from snnrl.body.world import TOUCHES
 from snnrl.files import csv_of
 from snnrl.model.network import Network
 from snnrl.model.neurons import NEVER
 from snnrl.model.plasticity import Plasticity
+from snnrl.schema import FOOD
 
 TRANSIENT = 5  # in units of tau: how long after its last release a transient of dopamine is followed
 LISTED = 5  # pairs of each synapse in credit.csv
@@ -254,7 +253,10 @@ def _synapses(network: Network) -> list[Synapse]:
     return found
 
 
-def cause_of(touches: Sequence[int], poison: bool) -> str:
-    """What a reward is put down to, from how often each of TOUCHES happened shortly before."""
-    names = ["poison" if poison and name == "food" else name for name in TOUCHES]
-    return "+".join(name for name, count in zip(names, touches, strict=True) if count) or "none"
+def cause_of(touches: dict[str, int], poison: bool) -> str:
+    """What a reward is put down to, from how often each kind of object was touched shortly before.
+
+    `poison` is whether food is poison.
+    """
+    touched = [name for name, count in touches.items() if count]
+    return "+".join("poison" if poison and name == FOOD else name for name in touched) or "none"

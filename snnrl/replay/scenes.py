@@ -17,16 +17,16 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from snnrl.body.world import TOUCHES
 from snnrl.drawing.pictures import draw_world
 from snnrl.drawing.style import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON, STYLE, figure
 from snnrl.replay.trial import Recording
+from snnrl.schema import FOOD as SCORED
 
 FRAMES = 220  # of an animation at most
 SHORTEST, LONGEST = 40, 140  # ms that a frame is shown
 RECENT = 10_000  # ms of the robot's path
 DOPAMINE, PATH = "#EE7733", "#332288"
-TOUCHED = dict(zip(TOUCHES, (FOOD, CONTAINER, "#999933"), strict=True))
+TOUCHED = {SCORED: FOOD, "food_container": CONTAINER, "empty_container": "#999933", "poison": POISON}
 GROUPS = ("#332288", "#117733", "#882255", "#0077AA")  # in turn
 
 
@@ -70,12 +70,12 @@ def _frames(recording: Recording, ticks: range) -> Iterator[Image.Image]:
         strip.set(xlim=(start / 1000, recording.end / 1000), xlabel="time (s)")
         strip.set_title("dopamine (uM)", fontsize=8, pad=3)
     way = np.array([scene["position"][0].tolist() for scene in recording.scenes])
-    eaten = recording.touches[:, 0].cumsum()
+    eaten = recording.touches[SCORED].cumsum() if SCORED in recording.touches else np.zeros(len(way), int)
     for k in ticks:
         world.load_state_dict(recording.scenes[k])
         arena.clear()
-        draw_world(arena, world, bool(recording.poison[k]))
-        _draw_path(arena, way[max(0, k + 1 - RECENT // tick) : k + 1], world.side)
+        draw_world(arena, world, start + k * tick)
+        _draw_path(arena, way[max(0, k + 1 - RECENT // tick) : k + 1], world.config.side)
         since = max(0, k + 1 - ticks.step) * tick  # the last frame
         level = recording.levels[since : (k + 1) * tick].max(initial=0.0)
         glow = min(1.0, np.sqrt(level / peak))
@@ -136,10 +136,10 @@ def _draw_raster(recording: Recording) -> Figure:
 
 
 def _mark_touches(recording: Recording, axes: list[Axes], ticks: np.ndarray) -> None:
-    for column, (name, colour) in enumerate(TOUCHED.items()):
-        poison = recording.poison & (name == "food")
+    for name, touches in recording.touches.items():
+        poison, colour = recording.poison & (name == SCORED), TOUCHED.get(name, OTHER)
         for bad in (False, True):
-            at = ticks[:-1][(recording.touches[:, column] > 0) & (poison == bad)]
+            at = ticks[:-1][(touches > 0) & (poison == bad)]
             label = ("poison" if bad else name.replace("_", " ")) + " touched"
             style: Any = {"color": POISON if bad else colour, "linewidth": 1.4, "alpha": 0.7, "zorder": 0}
             for axis in axes:

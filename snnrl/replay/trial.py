@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 
 from snnrl.configuration.builder import build
-from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
 from snnrl.files import FolderError
 from snnrl.recording.runs import Run
 from snnrl.replay.credit import Credit, Ledger, cause_of
+from snnrl.schema import FOOD, Config
 from snnrl.simulation import Simulation
 
 
@@ -27,8 +27,8 @@ class Recording:
         trial: its number.
         start: the first ms. tick: ms of a control tick.
         time, neuron: the spikes, int64 [n], ms since the start of the trial and place in the network.
-        scenes: the world's state in each tick, K of them. touches: in each tick, int64 [K, 3], by TOUCHES.
-        poison: whether items were poison, bool [K]. wheels: what the spikes of each tick chose, int64 [K],
+        scenes: the world's state in each tick, K of them. touches: in each tick, int64 by kind of object, [K] each.
+        poison: whether food was poison, bool [K]. wheels: what the spikes of each tick chose, int64 [K],
             -1 for a turn to the left, 0 straight ahead, 1 to the right.
         levels: dopamine after each ms (uM), [T]; empty without dopamine.
         credit: what dopamine did to the synapses.
@@ -41,7 +41,7 @@ class Recording:
     time: np.ndarray
     neuron: np.ndarray
     scenes: list[dict[str, Tensor]]
-    touches: np.ndarray
+    touches: dict[str, np.ndarray]
     poison: np.ndarray
     wheels: np.ndarray
     levels: np.ndarray
@@ -108,20 +108,22 @@ def record(config: Config, first: int, last: int, original: Original) -> Recordi
     follower = build(replace(config, dtype="float64", device="cpu")).network
     follower.load_state_dict(network.state_dict())
     ledger = Ledger(follower)
+    names = world.kinds.names
+    food = names.index(FOOD) if FOOD in names else None
     scenes, touches, poison, wheels, spikes = [], [world.touches[0].cpu().clone()], [], [], []
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
     for k in range(first, last):
-        sign = float(world.sign(network.time)[0])
+        poison.append(bool(world.value(network.time)[food] < 0) if food is not None else False)
         motors = network.spike_count[0, simulation.situation.coding.motor_groups].clone()
         simulation.run(engine, 1, raster)
         left, right = (network.spike_count[0, simulation.situation.coding.motor_groups] - motors).tolist()
         scenes.append({key: values.cpu().clone() for key, values in world.state_dict().items()})
         touches.append(world.touches[0].cpu().clone())
-        poison.append(sign < 0)
         wheels.append(int(np.sign(left - right)))
         spikes.append(raster[:, 0].nonzero() + torch.tensor([k * tick, 0]))
-        cause = cause_of((touches[-1] - touches[max(0, len(touches) - 3)]).tolist(), sign < 0)
-        ledger.follow(raster, sign, cause, network.synapses.weight[: len(ledger.weight)])
+        lately = (touches[-1] - touches[max(0, len(touches) - 3)]).tolist()
+        cause = cause_of(dict(zip(names, lately, strict=True)), poison[-1])
+        ledger.follow(raster, float(world.sign[0]), cause, network.synapses.weight[: len(ledger.weight)])
         original.compare(simulation)
     ledger.close()
     time, neuron = torch.cat(spikes).numpy().T
@@ -133,7 +135,7 @@ def record(config: Config, first: int, last: int, original: Original) -> Recordi
         time,
         neuron,
         scenes,
-        torch.stack(touches).diff(dim=0).numpy(),
+        dict(zip(names, torch.stack(touches).diff(dim=0).numpy().T, strict=True)),
         np.array(poison),
         np.array(wheels),
         np.array(ledger.levels),

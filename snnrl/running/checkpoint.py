@@ -20,8 +20,8 @@ from typing import Any
 
 import torch
 
-from snnrl.configuration.schema import Config
 from snnrl.files import FolderError, write
+from snnrl.schema import Config
 from snnrl.simulation import Simulation
 
 FILE, PREVIOUS = "checkpoint.pt", "checkpoint.previous.pt"

@@ -19,7 +19,6 @@ import torch
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import dump, load
-from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
 from snnrl.files import FolderError, finite, owned, write, write_json
 from snnrl.recording.board import choices, keep_events
@@ -30,6 +29,7 @@ from snnrl.running.checkpoint import Checkpoint, difference, settings
 from snnrl.running.progress import Progress
 from snnrl.running.schedule import Due, Schedule
 from snnrl.running.signals import Interrupted, Pace, Signals
+from snnrl.schema import Config
 from snnrl.simulation import Simulation
 
 

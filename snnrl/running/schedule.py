@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from snnrl.configuration.schema import Config
 from snnrl.recording.film import spacing
+from snnrl.schema import Config
 
 NEVER = 1 << 60
 

@@ -23,12 +23,12 @@ from torch import Tensor
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.configuration.schema import Config
 from snnrl.engines import Engine, make_engine
 from snnrl.files import write_json
 from snnrl.model.network import Network
 from snnrl.recording.criteria import correct
 from snnrl.running.schedule import ticks_of
+from snnrl.schema import FOOD, Config
 from snnrl.simulation import Simulation
 from snnrl.thesis.claims import escape_rule
 from snnrl.thesis.compare import contrast
@@ -120,9 +120,9 @@ def outcome(experiment: str, robot: str, values: Mapping[str, Any], trials: int,
     simulation, config, engine = prepare(experiment, robot, values, trials, seed)
     ticks, last = (ticks_of(seconds, simulation.tick) for seconds in (config.seconds, tail(config.seconds)))
     simulation.run(engine, ticks - last)
-    before = simulation.situation.world.touches[:, 0].clone()
+    before = simulation.situation.world.count(FOOD).clone()
     simulation.run(engine, last)
-    food = simulation.situation.world.touches[:, 0]
+    food = simulation.situation.world.count(FOOD)
     told_apart = published()["contrast"].get(experiment, {}).get(robot)
     return Outcome(
         food.double().numpy(),
@@ -145,14 +145,14 @@ def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
     limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
     for k in range(ticks_of(config.seconds, coding.tick)):
         simulation.run(engine, 1)
-        left = (simulation.situation.world.nearest_item() > limit) | (simulation.situation.world.touches[:, 0] > 0)
+        left = (simulation.situation.world.nearest_item() > limit) | (simulation.situation.world.count(FOOD) > 0)
         times = torch.where(left & times.isnan(), (k + 1) * coding.tick / 1000, times)
     return times
 
 
 def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 140.0) -> Tensor:
     """Firing of the dopaminergic neurons where there is no food to touch, without the start (Hz), [B]."""
-    empty = {"world.free_items": 0, **values}
+    empty = {"world.kinds.food.count": 0, **values}
     simulation, _, engine = prepare("food_attraction", "random_walk", empty, trials, seed)
     network, tick = simulation.network, simulation.tick
     assert network.dopamine is not None

@@ -211,7 +211,7 @@ def avoidance_levels_off(runs: Runs) -> Claim:
 
 def poison_is_unlearnt(runs: Runs) -> Claim:
     learning, walk = (runs[f"food_poison/{robot}"] for robot in ("learning", "random_walk"))
-    switch = float(learning.config["world"]["poison_from"])
+    switch = float(learning.config["world"]["kinds"]["food"]["poison_from"])
     end = switch + 0.1 * (float(learning.time[-1]) - switch)
     rates = [run.rate(switch, end) for run in (learning, walk)]
     value, low, high = lead(rates[0], rates[1])

@@ -77,7 +77,7 @@ def dual_rates(runs: Runs) -> Figure:
 
 def switch(run: Run) -> float:
     """When food turns to poison, s."""
-    return float(run.config["world"]["poison_from"])
+    return float(run.config["world"]["kinds"]["food"]["poison_from"])
 
 
 def food_totals(runs: Runs) -> Figure:
@@ -424,7 +424,7 @@ def orbit_path(runs: Runs) -> Figure:
         path = unrolled(run)[run.time <= seconds]
         axis.plot(*path.T, ".-", color=ROBOTS[robot], ms=3, linewidth=0.7)
         centre = path[:14].mean(0)  # a whole round of the orbit
-        axis.add_patch(Circle((centre[0], centre[1]), run.config["world"]["item_radius"], color=FOOD))
+        axis.add_patch(Circle((centre[0], centre[1]), run.config["world"]["kinds"]["food"]["radius"], color=FOOD))
         axis.set(xlabel="x (cm)", ylabel="y (cm)", aspect="equal", title=f"{style.robot_name(robot)}, {seconds:g} s")
     return drawn
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from snnrl.configuration.schema import PlasticityConfig
 from snnrl.drawing.style import OTHER, figure
 from snnrl.recording.runs import Run
+from snnrl.schema import PlasticityConfig
 from snnrl.thesis.loss import FARTHEST
 from snnrl.thesis.verdicts import p_greater
 

@@ -14,10 +14,10 @@ import torch
 from snnrl.body.world import World
 from snnrl.configuration.builder import DTYPES, build, build_network
 from snnrl.configuration.compose import compose
-from snnrl.configuration.schema import Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
 from snnrl.engines import Engine, make_engine
 from snnrl.model.draws import Draws
 from snnrl.running.schedule import ticks_of
+from snnrl.schema import FOOD, Config, GroupConfig, NetworkConfig, ProjectionConfig, SynapseConfig
 from snnrl.simulation import Simulation
 
 SURE = 200.0  # current of one ms that makes a neuron at rest fire at once
@@ -111,8 +111,8 @@ def sensor_encoding(config: Config, seconds: float = 4.0) -> tuple[np.ndarray, n
     simulation = build(config)
     network, coding = simulation.network, simulation.situation.coding
     ticks = ticks_of(seconds, coding.tick)
-    group = coding.ranges["food"][0]
-    untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.touches}
+    group = coding.config.ranges["food"].left
+    untouched = {name: torch.zeros(network.trials, dtype=torch.bool) for name in coding.config.touches}
     raster = torch.zeros(ticks * coding.tick, network.trials, network.size, dtype=torch.bool)
     for k in range(ticks):
         value = torch.tensor([[k / (ticks - 1), 0.0]], dtype=torch.float64).expand(network.trials, 2)
@@ -177,9 +177,9 @@ def coincidence(
     columns: dict[str, list[float]] = {key: [] for key in ("pre", "post", "eligibility", "weight", "dopamine")}
     food = []
     for k in range((before + after) // tick):
-        taken = int(simulation.situation.world.touches[0, 0])
+        taken = int(simulation.situation.world.count(FOOD)[0])
         current, sign, _ = simulation.situation.begin(network)
-        if int(simulation.situation.world.touches[0, 0]) > taken:
+        if int(simulation.situation.world.count(FOOD)[0]) > taken:
             food.append(k * tick)
         raster = torch.zeros(1, 1, network.size, dtype=torch.bool)
         for ms in range(tick):
@@ -206,11 +206,11 @@ def _find(
     raster = torch.zeros(tick, 1, network.size, dtype=torch.bool)
     candidate: tuple[int, int, int] | None = None
     for _ in range(ticks_of(config.seconds, tick)):
-        start, food = int(network.time), int(simulation.situation.world.touches[0, 0])
+        start, food = int(network.time), int(simulation.situation.world.count(FOOD)[0])
         simulation.run(engine, 1, raster)
         if candidate and start - candidate[0] > after:
             candidate = None
-        if candidate and int(simulation.situation.world.touches[0, 0]) > food:
+        if candidate and int(simulation.situation.world.count(FOOD)[0]) > food:
             return candidate
         touched = raster[:, 0, network.groups[group].span]
         if candidate or not touched.any():

@@ -25,10 +25,10 @@ from pathlib import Path
 from typing import Any
 
 from snnrl.configuration.compose import compose
-from snnrl.configuration.schema import Config
 from snnrl.errors import ConfigError
 from snnrl.recording.runs import Run
 from snnrl.running.job import perform, read_summary
+from snnrl.schema import Config
 from snnrl.thesis import dampening
 from snnrl.thesis.claims import FIVE_ROBOTS
 from snnrl.thesis.fit import FACTORS, grid_points, point_name
@@ -75,9 +75,11 @@ def _closeups(seed: int, part: float) -> list[Planned]:
     close = (f"seed={seed}", "record.every=0.07")
     one = (*close, "trials=1")
     switch = part * (compose("+experiment=food_poison").body()[1].poison_from or 0.0)
-    around = (f"seconds={switch + 15:g}", f"record.start={switch - 10:g}", f"world.poison_from={switch:g}")
+    around = (f"seconds={switch + 15:g}", f"record.start={switch - 10:g}", f"world.kinds.food.poison_from={switch:g}")
     return [
-        Planned("random_walk", "food_attraction", (*one, "robot=random_walk", "world.free_items=0", "seconds=30")),
+        Planned(
+            "random_walk", "food_attraction", (*one, "robot=random_walk", "world.kinds.food.count=0", "seconds=30")
+        ),
         Planned("first_eligibility", "food_attraction", (*one, "seconds=30")),
         Planned("single_trial", "food_attraction", (*one, f"seconds={500 * part:g}")),
         Planned("dampening", dampening.EXPERIMENT, (*close, *dampening.overrides())),
@@ -104,7 +106,7 @@ def _quick_sizes(experiment: str) -> tuple[str, ...]:
     if experiment == "orbit":
         return (f"trials={QUICK_TRIALS}", f"seconds={seconds * QUICK_ORBIT:g}")
     sizes = (f"trials={QUICK_TRIALS}", f"seconds={seconds * QUICK:g}", "record.every=1.0")
-    return (*sizes, f"world.poison_from={seconds * QUICK / 2:g}") if experiment == "food_poison" else sizes
+    return (*sizes, f"world.kinds.food.poison_from={seconds * QUICK / 2:g}") if experiment == "food_poison" else sizes
 
 
 def code_version() -> str:

@@ -16,6 +16,7 @@ from typing import Any
 import optuna
 
 from snnrl.configuration.compose import compose
+from snnrl.schema import FOOD
 from snnrl.thesis.calibrate import FIRST_SEED, simulate
 from snnrl.thesis.fit import FACTORS, PLANES
 from snnrl.thesis.verdicts import p_greater
@@ -42,7 +43,7 @@ def search(study: optuna.Study, points: int, trials: int, options: Mapping[str, 
             for name in NAMES
         } | dict(options or {})
         simulation, _ = simulate("stdp_search", "learning", values, trials, FIRST_SEED + trial.number)
-        food = simulation.situation.world.touches[:, 0].double()
+        food = simulation.situation.world.count(FOOD).double()
         trial.set_user_attr("food", food.tolist())
         return float(food.mean())
 

@@ -13,7 +13,10 @@ from helpers import ENGINES, forced, make_dopamine, make_group, make_network, ma
 from torch import Tensor
 
 from snnrl.configuration.builder import build_network
-from snnrl.configuration.schema import (
+from snnrl.engines import make_engine
+from snnrl.model.draws import Draws
+from snnrl.model.network import Network
+from snnrl.schema import (
     GroupConfig,
     HomeostasisConfig,
     ModulatorConfig,
@@ -23,9 +26,6 @@ from snnrl.configuration.schema import (
     ProjectionConfig,
     SynapseConfig,
 )
-from snnrl.engines import make_engine
-from snnrl.model.draws import Draws
-from snnrl.model.network import Network
 
 if find_spec("brian2") is None:
     pytest.skip("Brian2 is not installed: pip install 'snnrl[peers]'", allow_module_level=True)

@@ -1,6 +1,6 @@
-"""The robot's world: geometry of the torus, sensors, and what happens in a tick."""
+"""The robot's world: geometry of the torus, kinds of objects, sensors, and what happens in a tick."""
 
-from snnrl.body.world.sensors import RangeSensor
-from snnrl.body.world.world import TOUCHES, World
+from snnrl.body.world.kinds import Kinds
+from snnrl.body.world.world import World
 
-__all__ = ["TOUCHES", "RangeSensor", "World"]
+__all__ = ["Kinds", "World"]

@@ -1,103 +1,76 @@
-"""A torus with food, containers and one robot a trial; every tick is a few whole-batch operations."""
+"""A torus with objects and one robot a trial; every tick is a few whole-batch operations."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
 
 import torch
 from torch import Tensor, nn
 
 from snnrl.body.world.geometry import drive, in_disc, offset, orbit
-from snnrl.body.world.sensors import RangeSensor, sense
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds
+from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.model.draws import Draws, stream
 from snnrl.model.elementary import cos, sin
-
-TOUCHES = ("food", "food_container", "empty_container")
-OUTSIDE = -1
+from snnrl.schema import SensorConfig, WorldConfig
 
 
 class World(nn.Module):
     """World and robot of every trial (thesis 3.1 and 3.2). Lengths in cm, float64 throughout.
 
-    There are two kinds of objects. Items (food, or poison from `poison_from` on) lie free, or one in each
-    food container; an item is sensed and touched only from where it lies, free ones from outside all
-    containers. Containers are sensed only from outside.
+    Objects are discs of some kind. What is taken when touched reappears elsewhere, with its holder if it has one; what
+    is entered has the robot inside until it leaves, more slowly, or until what it holds is taken. What a holder hides
+    is sensed and touched from inside of it only, and nothing else is then.
 
     Args:
         draws: owner of all positions.
-        side: of the torus.
-        free_items, food_containers, empty_containers: how many.
-        item_radius, container_radius: of the discs; an item is touched at a smaller distance than its
-            radius from its centre.
-        axle: distance of the robot's wheels.
-        container_speed: factor on the robot's speed inside containers.
-        ranges: range sensors, named "food" and "container".
+        config: side, kinds, sensors.
         tick: ms.
-        poison_from: time (ms) from which touching an item lowers dopamine; None is never.
 
     Buffers:
-        position [B, 2], heading [B]: the robot. items [B, M, 2], containers [B, C, 2]: centres.
-        inside: int64 [B], the container the robot is in, or -1.
-        touches: int64 [B, 3], how often each of TOUCHES has happened.
+        position [B, 2], heading [B]: the robot. places [B, M, 2]: centres of the objects (see `Kinds`).
+        inside: int64 [B], the object that the robot is in, or OUTSIDE.
+        touches: int64 [B, K], how often each kind was touched.
+        unlocked: bool [B, K], which kinds that need opening are open.
+        sign: [B], of what is released: that of what was touched last.
     """
 
     position: Tensor
     heading: Tensor
-    items: Tensor
-    containers: Tensor
+    places: Tensor
     inside: Tensor
     touches: Tensor
-    home: Tensor
+    unlocked: Tensor
+    sign: Tensor
 
-    def __init__(
-        self,
-        draws: Draws,
-        side: float,
-        free_items: int,
-        food_containers: int,
-        empty_containers: int,
-        item_radius: float,
-        container_radius: float,
-        axle: float,
-        container_speed: float,
-        ranges: Mapping[str, RangeSensor],
-        tick: int,
-        poison_from: int | None = None,
-    ) -> None:
+    def __init__(self, draws: Draws, config: WorldConfig, tick: int) -> None:
         super().__init__()
-        self.draws, self.side, self.axle, self.tick = draws, side, axle, tick
-        self.free_items, self.food_containers = free_items, food_containers
-        self.empty_containers = empty_containers
-        self.item_radius, self.container_radius = item_radius, container_radius
-        self.container_speed, self.ranges, self.poison_from = container_speed, dict(ranges), poison_from
+        self.draws, self.config, self.tick = draws, config, tick
         device = draws.trials.device
-        # home: the container an item lies in
-        home = torch.cat([torch.full((free_items,), OUTSIDE), torch.arange(food_containers)])
-        self.register_buffer("home", home.to(device), persistent=False)
+        self.kinds = Kinds.of(config).to(device)
+        self.sees = {name: tuple(sensor.sees or [name]) for name, sensor in config.ranges.items()}
         robot = draws.at_start(stream("robot"), 3)
-        items, containers = self._places("start", torch.zeros(1, dtype=torch.int64, device=device))
-        self.register_buffer("position", side * robot[:, :2])
+        trials, count = len(robot), len(self.kinds.names)
+        self.register_buffer("position", config.side * robot[:, :2])
         self.register_buffer("heading", 2.0 * torch.pi * robot[:, 2])
-        self.register_buffer("items", items)
-        empty = side * draws.at_start(stream("start", "empty_container"), 4 * empty_containers)
-        empty = empty.view(len(robot), empty_containers, 4)[..., :2]
-        self.register_buffer("containers", torch.cat([containers, empty], 1))
+        places = self._places(self.kinds.started, torch.zeros(1, dtype=torch.int64, device=device))
+        self.register_buffer("places", places)
         self.register_buffer("inside", torch.full_like(draws.trials, OUTSIDE))
-        self.register_buffer("touches", self.inside.new_zeros(len(robot), len(TOUCHES)))
+        self.register_buffer("touches", self.inside.new_zeros(trials, count))
+        self.register_buffer("unlocked", torch.zeros(trials, count, dtype=torch.bool, device=device))
+        self.register_buffer("sign", torch.ones_like(self.heading))
 
     def start_orbiting(self, slow: float, fast: float) -> None:
-        """Put the robot on its orbit round the first item, anticlockwise (thesis 4.1).
+        """Put the robot on its orbit round the first object, anticlockwise (thesis 4.1).
 
         A run begins with a tick straight ahead, so the robot starts one such tick before a corner of its
-        orbit, with the heading that it has after that corner. Its angle round the item is random.
+        orbit, with the heading that it has after that corner. Its angle round the object is random.
         """
         seconds = self.tick / 1000.0
-        radius, turn = orbit(slow, fast, seconds, self.axle)
+        radius, turn = orbit(slow, fast, seconds, self.config.axle)
         angle = self.heading.clone()
         heading = angle + 0.5 * (torch.pi + turn)
-        corner = self.items[:, 0] + radius * torch.stack([cos(angle), sin(angle)], 1)
+        corner = self.places[:, 0] + radius * torch.stack([cos(angle), sin(angle)], 1)
         ahead = 0.5 * (slow + fast) * seconds * torch.stack([cos(heading), sin(heading)], 1)
-        self.position.copy_(torch.remainder(corner - ahead, self.side))
+        self.position.copy_(torch.remainder(corner - ahead, self.config.side))
         self.heading.copy_(torch.remainder(heading, 2.0 * torch.pi))
 
     def _apply(self, fn, recurse: bool = True) -> World:  # type: ignore[no-untyped-def]
@@ -105,94 +78,133 @@ class World(nn.Module):
         super()._apply(fn, recurse)
         for key, buffer in precise.items():  # positions stay float64 whatever the network's precision
             self._buffers[key] = buffer.to(self.touches.device)
-        self.draws = self.draws.to(self.touches.device)
+        self.draws, self.kinds = self.draws.to(self.touches.device), self.kinds.to(self.touches.device)
         return self
 
-    def _places(self, when: str, time: Tensor) -> tuple[Tensor, Tensor]:
-        """Fresh places at `time` [1] for every item [B, M, 2] and every food container [B, C, 2].
+    def count(self, kind: str) -> Tensor:
+        """How often a kind was touched, int64 [B]; 0 of one that the world does not have."""
+        if kind not in self.kinds.names:
+            return torch.zeros_like(self.inside)
+        return self.touches[:, self.kinds.names.index(kind)]
 
-        `when` names the streams: those of the start and those of what has moved are not the same.
-        """
-        free, holding = (
-            self.draws.uniform(stream(when, kind), time, 4 * count)[0].view(len(self.draws.trials), count, 4)
-            for kind, count in (("food", self.free_items), ("food_container", self.food_containers))
-        )
-        containers = self.side * holding[..., :2]
-        held = torch.remainder(containers + in_disc(self.container_radius, holding[..., 2:]), self.side)
-        return torch.cat([self.side * free[..., :2], held], 1), containers
+    def _places(self, streams: tuple[int, ...], time: Tensor) -> Tensor:
+        """Fresh places for all objects at `time` [1], [B, M, 2]; those that are held lie in their holder's disc."""
+        kinds, trials = self.kinds, len(self.draws.trials)
+        drawn = []
+        for k, name in enumerate(kinds.names):
+            count = self.config.kinds[name].count
+            drawn.append(self.draws.uniform(streams[k], time, 4 * count)[0].view(trials, count, 4))
+        uniform = torch.cat(drawn, 1)  # [B, M free, 4]
+        places = self.config.side * uniform[..., :2]
+        holder = kinds.holder[kinds.free :]
+        way = in_disc(kinds.radius[kinds.kind[holder]], uniform[:, holder, 2], uniform[:, holder, 3])
+        held = torch.remainder(places[:, holder] + torch.stack(way, -1), self.config.side)
+        return torch.cat([places, held], 1)
 
     def step(self, wheels: Tensor, time: Tensor) -> dict[str, Tensor]:
-        """Move the robot through one tick; what it touched, bool [B] by the names of TOUCHES.
+        """Move the robot through one tick; which kinds it touched, bool [B] by name.
 
-        1. The robot moves, more slowly if it was inside a container.
-        2. It is inside the container it was in, if it still is, else the nearest that it is in;
-           entering one is felt once.
-        3. Items within touch are taken. Free ones reappear elsewhere; a container moves with its item,
-           and the robot is outside again.
+        1. The robot moves, more slowly if it was inside an object.
+        2. It is inside the object it was in, if it still is, else the nearest that it is in and that is open;
+           entering one is touching it.
+        3. Objects within touch are taken, and reappear elsewhere; a holder moves with what it holds, is locked
+           again, and the robot is outside.
+        4. What was touched opens what it opens, and gives what is released its sign.
 
         Args:
             wheels: speed of the left and right wheel, [B, 2], cm/s.
             time: int64 scalar, ms.
         """
-        speed = torch.where(self.inside >= 0, self.container_speed, 1.0).double()
-        position, heading = drive(
-            self.position, self.heading, wheels * speed[:, None], self.tick / 1000.0, self.axle, self.side
-        )
-        self.position.copy_(position)
+        kinds, side = self.kinds, self.config.side
+        slowed = torch.where(self.inside >= 0, kinds.speed[self._kind_inside()], 1.0)
+        left, right = (wheels * slowed[:, None]).unbind(1)
+        x, y = self.position.unbind(1)
+        x, y, heading = drive(x, y, self.heading, left, right, self.tick / 1000.0, self.config.axle, side)
+        self.position.copy_(torch.stack([x, y], 1))
         self.heading.copy_(heading)
-        entered = self._enter()
-        way = offset(position[:, None], self.items, self.side)
-        reached = way[..., 0] * way[..., 0] + way[..., 1] * way[..., 1] < self.item_radius**2
-        taken = reached & (self.home == self.inside[:, None])
-        self._replace(taken, time)
-        holds_food = entered & (self.inside < self.food_containers)
-        touched = torch.stack([taken.any(1), holds_food, entered & ~holds_food], 1)
-        self.touches += torch.stack([taken.sum(1), touched[:, 1], touched[:, 2]], 1)
-        emptied = (taken & (self.home >= 0)).any(1)
-        self.inside.copy_(torch.where(emptied, OUTSIDE, self.inside))
-        return dict(zip(TOUCHES, touched.unbind(1), strict=True))
+        dx, dy = self._way()
+        squared, radius = dx * dx + dy * dy, kinds.radius[kinds.kind]
+        within = squared < radius * radius
+        entered = self._enter(squared, within)
+        taken = within & (kinds.effect[kinds.kind] == TAKEN) & (kinds.home == self._place()[:, None])
+        self._move(taken, time)
+        touched = torch.zeros_like(self.touches).index_add_(1, kinds.kind, (taken | entered).long())
+        self.touches += touched
+        self._open(touched > 0)
+        self._set_sign(touched > 0, time)
+        return dict(zip(kinds.names, (touched > 0).unbind(1), strict=True))
 
-    def _enter(self) -> Tensor:
-        """Bring `inside` up to date; who entered a container just now, bool [B]."""
-        if self.containers.shape[1] == 0:
-            return torch.zeros_like(self.inside, dtype=torch.bool)
-        way = offset(self.position[:, None], self.containers, self.side)
-        distance = way[..., 0] * way[..., 0] + way[..., 1] * way[..., 1]
-        within = distance < self.container_radius**2
+    def _way(self) -> tuple[Tensor, Tensor]:
+        """From the robot to the centre of every object, [B, M] along each axis."""
+        way = offset(self.position[:, None], self.places, self.config.side)
+        return way[..., 0], way[..., 1]
+
+    def _kind_inside(self) -> Tensor:
+        """The kind of the object that the robot is in, int64 [B]; any where it is in none."""
+        return self.kinds.kind[self.inside.clamp_min(0)] if len(self.kinds.kind) else torch.zeros_like(self.inside)
+
+    def _place(self) -> Tensor:
+        """From where the robot senses and touches: the object it is in, if that hides, else OUTSIDE; int64 [B]."""
+        return torch.where(self.kinds.hides[self._kind_inside()], self.inside, OUTSIDE)
+
+    def _enter(self, squared: Tensor, within: Tensor) -> Tensor:
+        """Bring `inside` up to date; which object was entered just now, bool [B, M]."""
+        kinds = self.kinds
+        if not len(kinds.kind):
+            return within
         stays = (self.inside >= 0) & within.gather(1, self.inside.clamp_min(0)[:, None])[:, 0]
-        nearest = torch.where(within.any(1), distance.argmin(1), OUTSIDE)
-        entered = ~stays & (nearest >= 0)
-        self.inside.copy_(torch.where(stays, self.inside, nearest))
-        return entered
+        is_open = (self.unlocked | ~kinds.locked)[:, kinds.kind]
+        allowed = within & is_open & (kinds.effect[kinds.kind] == ENTERED)
+        nearest = torch.where(allowed, squared, torch.inf).argmin(1)
+        enters = ~stays & allowed.any(1)
+        self.inside.copy_(torch.where(stays, self.inside, torch.where(enters, nearest, OUTSIDE)))
+        return enters[:, None] & (torch.arange(len(kinds.kind), device=within.device) == nearest[:, None])
 
-    def _replace(self, taken: Tensor, time: Tensor) -> None:
-        items, containers = self._places("moved", time.view(1))
-        self.items.copy_(torch.where(taken[..., None], items, self.items))
-        moved = taken[:, self.free_items :, None]
-        held = self.containers[:, : self.food_containers]
-        held.copy_(torch.where(moved, containers, held))
+    def _move(self, taken: Tensor, time: Tensor) -> None:
+        """Put what was taken elsewhere, with its holder, which is locked again; the robot is then outside of it."""
+        kinds = self.kinds
+        emptied = torch.zeros_like(taken, dtype=torch.int64)
+        emptied.index_add_(1, kinds.holder[kinds.free :], taken[:, kinds.free :].long())
+        places = self._places(kinds.moved, time.view(1))
+        self.places.copy_(torch.where((taken | (emptied > 0))[..., None], places, self.places))
+        locked = torch.zeros_like(self.touches).index_add_(1, kinds.kind, emptied)
+        self.unlocked &= locked == 0
+        if len(kinds.kind):
+            left = (self.inside >= 0) & (emptied.gather(1, self.inside.clamp_min(0)[:, None])[:, 0] > 0)
+            self.inside.copy_(torch.where(left, OUTSIDE, self.inside))
+
+    def _open(self, touched: Tensor) -> None:
+        self.unlocked |= (touched[:, :, None] & self.kinds.opens).any(1)
+
+    def _set_sign(self, touched: Tensor, time: Tensor) -> None:
+        """That of what was touched in this tick, negative before positive; else as it was."""
+        value = torch.where(touched, self.value(time), torch.inf).amin(1)
+        self.sign.copy_(torch.where(touched.any(1), value, self.sign))
+
+    def value(self, time: Tensor) -> Tensor:
+        """The sign of what touching each kind releases at int64 scalar `time` (ms), float64 [K]."""
+        return torch.where(time >= self.kinds.turns, -self.kinds.sign, self.kinds.sign)
 
     def sense(self) -> dict[str, Tensor]:
         """Values of the range sensors from where the robot is now, float64 [B, 2] (left, right)."""
-        values = {}
-        for name, sensor in self.ranges.items():
-            if name == "food":
-                objects, radius = self.items, self.item_radius
-                visible = self.home == self.inside[:, None]
-            else:
-                objects, radius = self.containers, self.container_radius
-                visible = (self.inside < 0)[:, None].expand(objects.shape[:2])
-            way = offset(self.position[:, None], objects, self.side)
-            values[name] = sense(sensor, way, self.heading, visible, radius)
-        return values
+        return {name: self._sense(sensor, self.sees[name]) for name, sensor in self.config.ranges.items()}
+
+    def _sense(self, sensor: SensorConfig, sees: tuple[str, ...]) -> Tensor:
+        kinds = self.kinds
+        if not len(kinds.kind):
+            return torch.zeros_like(self.position)
+        dx, dy = self._way()
+        ahead, leftward = faces(dx, dy, cos(self.heading)[:, None], sin(self.heading)[:, None])
+        seen = torch.tensor([name in sees for name in kinds.names], device=dx.device)[kinds.kind]
+        visible = ahead & seen & (kinds.home == self._place()[:, None])
+        inner = kinds.radius[kinds.kind] * float(sensor.measured_to == "border")
+        distance, which = torch.where(visible, distance_to(dx, dy, inner), torch.inf).min(1)
+        value = range_value(distance, sensor.reach)
+        left = leftward.gather(1, which[:, None])[:, 0]
+        return torch.stack([value * left, value * ~left], 1)
 
     def nearest_item(self) -> Tensor:
-        """Distance from the robot to the centre of the nearest item, sensed or not: float64 [B], cm; inf without."""
-        if self.items.shape[1] == 0:
-            return torch.full_like(self.heading, torch.inf)
-        return offset(self.position[:, None], self.items, self.side).norm(dim=2).amin(1)
-
-    def sign(self, time: Tensor) -> Tensor:
-        """+1, or -1 where items are poison at int64 scalar `time`: float64 [B]."""
-        ones = torch.ones_like(self.heading)
-        return ones if self.poison_from is None else torch.where(time >= self.poison_from, -ones, ones)
+        """Distance from the robot to the centre of the nearest thing to take, sensed or not (cm), [B]; inf of none."""
+        items = self.kinds.effect[self.kinds.kind] == TAKEN
+        way = offset(self.position[:, None], self.places[:, items], self.config.side)
+        return torch.cat([way.norm(dim=2), torch.full_like(self.heading[:, None], torch.inf)], 1).amin(1)

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from snnrl.body.coding import Coding, lead_of, wheel_speeds
+from snnrl.body.world import World
 from snnrl.engines.fused.draws import UNIT, bits, fill_counts, uniform
 from snnrl.engines.fused.network import load_trial, run_block, store_trial
 from snnrl.engines.fused.poisson import look_up, poisson_table
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.world import sense, step_world
 from snnrl.engines.layout import MILLISECONDS, PLACE, SIZE
+from snnrl.model.draws import stream
+from snnrl.model.network import Network
 
 
 class CodingArrays(NamedTuple):
-    """A coding as arrays that share memory with its tensors."""
+    """A coding as arrays that share memory with its tensors. R range sensors of the world, K of its kinds."""
 
     decoded: Any
     slow: Any
@@ -21,29 +27,51 @@ class CodingArrays(NamedTuple):
     tick: Any
     motors: Any  # int64 [2], groups
     ranges: Any  # int64 [R, 2], groups
-    touches: Any  # int64 [3], group of each of TOUCHES, -1 for none
+    touches: Any  # int64 [K], the group that feels each kind, -1 for none
     range_streams: Any  # int64 [R, 2]
-    touch_streams: Any  # int64 [3]
+    touch_streams: Any  # int64 [K]
     exploration_streams: Any  # int64 [2]
     side_stream: Any
     range_mean: Any
     range_gain: Any  # real
     touch_gain: Any  # real
-    table_size: Any  # of a Poisson table for range_mean
     touch_thresholds: Any
     exploration_thresholds: Any
-    signs: Any  # real [2], of releases while items are food, and while they are poison
+
+
+def coding_arrays(coding: Coding, network: Network, world: World) -> CodingArrays:
+    """Share memory with a coding's tensors."""
+    place, config = {name: k for k, name in enumerate(network.groups)}, coding.config
+    pairs = [(config.ranges[name].left, config.ranges[name].right) for name in world.config.ranges]
+    touches = [config.touches.get(name) for name in world.kinds.names]
+    real = network.pending.numpy().dtype.type
+    return CodingArrays(
+        coding.decoded.numpy(),
+        config.slow,
+        config.fast,
+        coding.tick,
+        np.array([place[name] for name in coding.motors]),
+        np.array([[place[name] for name in pair] for pair in pairs], np.int64).reshape(-1, 2),
+        np.array([-1 if name is None else place[name] for name in touches]),
+        np.array([[stream("range", name) for name in pair] for pair in pairs], np.int64).reshape(-1, 2),
+        np.array([0 if name is None else stream("touch", name) for name in touches]),
+        np.array([stream("exploration", name) for name in coding.motors]),
+        stream("exploring side"),
+        config.range_mean,
+        real(config.range_gain),
+        real(config.touch_gain),
+        coding.touch_thresholds.numpy(),
+        coding.exploration_thresholds.numpy(),
+    )
 
 
 def decode(spike_count, coding, trial):
     """Wheel speeds from the spikes since the last call."""
     left = spike_count[trial, coding.motors[0]]
     right = spike_count[trial, coding.motors[1]]
-    lead = (left - coding.decoded[trial, 0]) - (right - coding.decoded[trial, 1])
+    lead = lead_of(left - coding.decoded[trial, 0], right - coding.decoded[trial, 1])
     coding.decoded[trial, 0], coding.decoded[trial, 1] = left, right
-    middle, half = 0.5 * (coding.fast + coding.slow), 0.5 * (coding.fast - coding.slow)
-    half *= min(max(lead, -1), 1)
-    return middle + half, middle - half
+    return wheel_speeds(lead, coding.slow, coding.fast)
 
 
 def pulse(t, w, trial, group, stream, time, thresholds, gain):
@@ -85,20 +113,23 @@ def encode(t, w, world, coding, trial, time, touched, table):
     return motor
 
 
-def run_robot(t, s, w, world, coding, table, touched, low, high, time, ticks, raster, reward):
-    """Closed loop: `ticks` control ticks of trials low to high; `reward` is without rows."""
+def run_robot(t, s, w, world, coding, table, touched, sign, low, high, time, ticks, raster, reward):
+    """Closed loop: `ticks` control ticks of trials low to high.
+
+    Scratch is `table`, for Poisson probabilities, `touched`, int64 [K], and `sign`, real [1]; `reward` is without rows.
+    """
     for trial in range(low, high):
         load_trial(t, s, w, trial)
         for k in range(ticks):
             now = time + k * coding.tick
             left, right = decode(s.spike_count, coding, trial)
-            step_world(world, t.seed, t.trials[trial], trial, left, right, coding.tick / 1000.0, now, touched)
+            step_world(world, t.seed, t.trials[trial], trial, left, right, now, touched)
             motor = coding.motors[encode(t, w, world, coding, trial, now, touched, table)]
             first, size = t.groups[motor, PLACE], t.groups[motor, SIZE]
             drives = first // LANES, (first + size - 1) // LANES + 1
-            sign = coding.signs[1 if now >= world.poison_from else 0]
+            sign[0] = world.sign[trial]  # as a real number
             for at in range(0, coding.tick, MILLISECONDS):
                 steps = min(MILLISECONDS, coding.tick - at)
                 row = k * coding.tick + at
-                run_block(t, s, w, trial, now + at, steps, at, drives[0], drives[1], sign, raster, row, reward)
+                run_block(t, s, w, trial, now + at, steps, at, drives[0], drives[1], sign[0], raster, row, reward)
         store_trial(t, s, w, trial)

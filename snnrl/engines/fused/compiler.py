@@ -187,7 +187,7 @@ class Program:
         if isinstance(value, NUMBERS):
             return real(value)
         if isinstance(value, FunctionType):
-            return self._compile(value, real, PART if hasattr(value, "rare") else {**PART, "forceinline": True})
+            return self._compile(value, real, {**PART, "forceinline": not hasattr(value, "rare")})
         return value
 
     def _digest(self, function: Any, seen: set[Any]) -> str:

@@ -19,8 +19,8 @@ from torch import Tensor, nn
 
 from snnrl.body.coding import Coding
 from snnrl.body.robot import Robot
-from snnrl.body.world import TOUCHES, RangeSensor, World
-from snnrl.engines.fused.coding import CodingArrays, run_robot
+from snnrl.body.world import World
+from snnrl.engines.fused.coding import coding_arrays, run_robot
 from snnrl.engines.fused.compiler import Program
 from snnrl.engines.fused.modulators import releasing
 from snnrl.engines.fused.network import run_network
@@ -28,12 +28,12 @@ from snnrl.engines.fused.neurons import stepping
 from snnrl.engines.fused.plasticity import bounding
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.work import State, Work, work_for
-from snnrl.engines.fused.world import WorldArrays
+from snnrl.engines.fused.world import world_arrays
 from snnrl.engines.interface import Situation
 from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, tables, topology
 from snnrl.engines.reference import run_ticks
 from snnrl.errors import ConfigError
-from snnrl.model.draws import poisson_table_size, stream
+from snnrl.model.draws import poisson_table_size
 from snnrl.model.modulators import Modulator
 from snnrl.model.network import Network, SynapseTable
 from snnrl.model.neurons import NeuronGroup
@@ -42,7 +42,7 @@ from snnrl.model.synapses import Projection
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting
 COMPILED = (
     *(Network, NeuronGroup, Projection, Modulator),
-    *(Robot, Coding, World, RangeSensor, nn.ModuleDict),
+    *(Robot, Coding, World, nn.ModuleDict),
 )
 
 
@@ -79,17 +79,18 @@ class FusedEngine:
         if not isinstance(situation, Robot):
             run_ticks(self, network, situation, ticks, raster)
             return
-        _check_compiled(*situation.modules(), *situation.world.ranges.values())
-        world, coding = _world(situation.world), _coding(situation.coding, network, situation.world)
-        bound, state = self._bind(network)
+        _check_compiled(*situation.modules())
+        world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
+        size, kinds = poisson_table_size(situation.coding.config.range_mean), len(situation.world.kinds.names)
+        bound, state = self.bind(network)
         kernel = kernels(bound.functions, _real(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
 
         def part(low: int, high: int) -> None:
             works = bound.works[coding.tick]
             work = works.pop() if works else self._work(bound, network, coding.tick)
-            table, touched = np.zeros(coding.table_size), np.zeros(len(TOUCHES), bool)
-            kernel(bound.tables, state, work, world, coding, table, touched, low, high, time, ticks, spikes, none)
+            scratch = np.zeros(size), np.zeros(kinds, np.int64), np.zeros(1, _real(network))
+            kernel(bound.tables, state, work, world, coding, *scratch, low, high, time, ticks, spikes, none)
             works.append(work)
 
         bound.works.setdefault(coding.tick, deque())
@@ -106,7 +107,7 @@ class FusedEngine:
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
-        bound, state = self._bind(network)
+        bound, state = self.bind(network)
         kernel = kernels(bound.functions, _real(network))[0]
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
@@ -137,7 +138,7 @@ class FusedEngine:
         for done in [self._pool.submit(part, *chosen) for chosen in ordered]:
             done.result()
 
-    def _bind(self, network: Network) -> tuple[_Bound, State]:
+    def bind(self, network: Network) -> tuple[_Bound, State]:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
         _check_compiled(*network.modules())
@@ -234,56 +235,3 @@ def _raster(raster: Tensor | None, network: Network) -> Any:
         return np.zeros((0, network.trials, network.size), np.uint8)
     raster.zero_()
     return raster.numpy().view(np.uint8)
-
-
-def _world(world: World) -> WorldArrays:
-    sensors = list(world.ranges.values())
-    return WorldArrays(
-        world.position.numpy(),
-        world.heading.numpy(),
-        world.items.numpy(),
-        world.containers.numpy(),
-        world.inside.numpy(),
-        world.touches.numpy(),
-        world.home.numpy(),
-        world.free_items,
-        world.food_containers,
-        world.side,
-        world.item_radius,
-        world.container_radius,
-        world.axle,
-        world.container_speed,
-        2**62 if world.poison_from is None else world.poison_from,
-        np.array([sensor.reach for sensor in sensors]),
-        np.array([sensor.to_border for sensor in sensors]),
-        np.array([name == "food" for name in world.ranges]),
-        stream("moved", "food"),
-        stream("moved", "food_container"),
-    )
-
-
-def _coding(coding: Coding, network: Network, world: World) -> CodingArrays:
-    place = {name: k for k, name in enumerate(network.groups)}
-    pairs = [coding.ranges[name] for name in world.ranges]
-    touches = [coding.touches.get(name) for name in TOUCHES]
-    real = network.pending.numpy().dtype.type
-    return CodingArrays(
-        coding.decoded.numpy(),
-        coding.slow,
-        coding.fast,
-        coding.tick,
-        np.array([place[name] for name in coding.motors]),
-        np.array([[place[name] for name in pair] for pair in pairs], np.int64).reshape(-1, 2),
-        np.array([-1 if name is None else place[name] for name in touches]),
-        np.array([[stream("range", name) for name in pair] for pair in pairs], np.int64).reshape(-1, 2),
-        np.array([0 if name is None else stream("touch", name) for name in touches]),
-        np.array([stream("exploration", name) for name in coding.motors]),
-        stream("exploring side"),
-        coding.range_pulse.mean,
-        real(coding.range_pulse.gain),
-        real(coding.touch_pulse.gain),
-        poisson_table_size(coding.range_pulse.mean),
-        coding.touch_thresholds.numpy(),
-        coding.exploration_thresholds.numpy(),
-        np.array([1, -1], real),
-    )

@@ -2,138 +2,187 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
 
+from snnrl.body.world.geometry import drive, in_disc, offset
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN
+from snnrl.body.world.sensors import distance_to, faces, range_value
+from snnrl.body.world.world import World
 from snnrl.engines.fused.draws import uniform
 from snnrl.model.elementary import cos, sin
 
 PRECISION = torch.float64
-FOOD, FOOD_CONTAINER, EMPTY_CONTAINER = range(3)
-OUTSIDE = -1
 
 
 class WorldArrays(NamedTuple):
-    """A world as arrays that share memory with its tensors."""
+    """A world as arrays that share memory with its tensors; see `World` and `Kinds`. R range sensors."""
 
     position: Any
     heading: Any
-    items: Any
-    containers: Any
+    places: Any
     inside: Any
     touches: Any
-    home: Any
-    free_items: Any
-    food_containers: Any
+    unlocked: Any
+    sign: Any
     side: Any
-    item_radius: Any
-    container_radius: Any
     axle: Any
-    container_speed: Any
-    poison_from: Any
+    seconds: Any  # of a tick
+    radius: Any
+    speed: Any
+    effect: Any
+    hides: Any
+    signs: Any
+    turns: Any
+    opens: Any
+    locked: Any
+    moved: Any
+    kind: Any
+    number: Any
+    holder: Any
+    home: Any
     reach: Any  # float64 [R]
-    to_border: Any  # bool [R]
-    is_food: Any  # bool [R], whether the sensor sees items or containers
-    stream: Any  # of replaced free items
-    held_stream: Any  # of replaced containers
+    to_border: Any  # float64 [R], 1 or 0
+    sees: Any  # bool [R, K]
 
 
-def offset(origin, target, side):
-    way = target - origin
-    way = way - side if way >= 0.5 * side else way
-    return way + side if way < -0.5 * side else way
+def world_arrays(world: World) -> WorldArrays:
+    """Share memory with a world's tensors."""
+    kinds, config, sensors = world.kinds, world.config, list(world.config.ranges.values())
+    shared = {key: getattr(world, key).numpy() for key in WorldArrays._fields[:7]}
+    described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:23] if key != "signs"}
+    sees = [[name in world.sees[sensor] for name in kinds.names] for sensor in config.ranges]
+    return WorldArrays(
+        **shared,
+        **described,
+        signs=kinds.sign.numpy(),
+        side=config.side,
+        axle=config.axle,
+        seconds=world.tick / 1000.0,
+        reach=np.array([sensor.reach for sensor in sensors]),
+        to_border=np.array([float(sensor.measured_to == "border") for sensor in sensors]),
+        sees=np.array(sees, bool).reshape(-1, len(kinds.names)),
+    )
 
 
-def move(world, trial, left, right, seconds):
-    if world.inside[trial] >= 0:
-        left, right = left * world.container_speed, right * world.container_speed
-    heading = world.heading[trial]
-    way = 0.5 * (left + right) * seconds
-    x, y = world.position[trial, 0], world.position[trial, 1]
-    world.position[trial, 0] = (x + way * cos(heading)) % world.side
-    world.position[trial, 1] = (y + way * sin(heading)) % world.side
-    world.heading[trial] = (heading + (right - left) / world.axle * seconds) % (2.0 * math.pi)
-
-
-def enter(world, trial):
-    """Bring `inside` up to date; whether a container was entered."""
-    x, y = world.position[trial, 0], world.position[trial, 1]
+def place_of(world, trial):
+    """From where the robot senses and touches."""
     inside = world.inside[trial]
-    square = world.container_radius**2
-    nearest, closest = OUTSIDE, square
-    for c in range(world.containers.shape[1]):
-        dx = offset(x, world.containers[trial, c, 0], world.side)
-        dy = offset(y, world.containers[trial, c, 1], world.side)
-        distance = dx * dx + dy * dy
-        if distance < square and c == inside:
-            return False
-        if distance < closest:
-            nearest, closest = c, distance
-    world.inside[trial] = nearest
-    return nearest >= 0
+    return inside if inside >= 0 and world.hides[world.kind[inside]] else OUTSIDE
 
 
-def take(world, seed, number, trial, time, tick_touched):
-    """Take and replace the items within touch."""
-    x, y = world.position[trial, 0], world.position[trial, 1]
-    square, inside = world.item_radius**2, world.inside[trial]
-    for m in range(world.items.shape[1]):
-        if world.home[m] != inside:
+def way_to(world, trial, m):
+    """From the robot to the centre of an object."""
+    dx = offset(world.position[trial, 0], world.places[trial, m, 0], world.side)
+    return dx, offset(world.position[trial, 1], world.places[trial, m, 1], world.side)
+
+
+def move(world, trial, left, right):
+    """The robot moves, more slowly inside an object."""
+    inside = world.inside[trial]
+    slowed = world.speed[world.kind[inside]] if inside >= 0 else 1.0
+    x, y, heading = drive(
+        world.position[trial, 0],
+        world.position[trial, 1],
+        world.heading[trial],
+        left * slowed,
+        right * slowed,
+        world.seconds,
+        world.axle,
+        world.side,
+    )
+    world.position[trial, 0], world.position[trial, 1], world.heading[trial] = x, y, heading
+
+
+def enter(world, trial, touched):
+    """Bring `inside` up to date; what was entered just now has been touched."""
+    inside, nearest, closest = world.inside[trial], OUTSIDE, np.inf
+    for m in range(world.kind.shape[0]):
+        k = world.kind[m]
+        if world.effect[k] != ENTERED:
             continue
-        dx = offset(x, world.items[trial, m, 0], world.side)
-        dy = offset(y, world.items[trial, m, 1], world.side)
-        if dx * dx + dy * dy < square:
-            tick_touched[FOOD] = True
-            world.touches[trial, FOOD] += 1
-            held = m >= world.free_items
-            stream, first = (world.held_stream, 4 * (m - world.free_items)) if held else (world.stream, 4 * m)
-            new_x = world.side * uniform(seed, stream, number, time, first)
-            new_y = world.side * uniform(seed, stream, number, time, first + 1)
-            if held:
-                c = m - world.free_items
-                world.containers[trial, c, 0], world.containers[trial, c, 1] = new_x, new_y
-                distance = math.sqrt(uniform(seed, stream, number, time, first + 2))
-                distance *= world.container_radius
-                angle = 2.0 * math.pi * uniform(seed, stream, number, time, first + 3)
-                new_x = (new_x + distance * cos(angle)) % world.side
-                new_y = (new_y + distance * sin(angle)) % world.side
-                world.inside[trial] = OUTSIDE
-            world.items[trial, m, 0], world.items[trial, m, 1] = new_x, new_y
+        dx, dy = way_to(world, trial, m)
+        squared = dx * dx + dy * dy
+        if squared < world.radius[k] * world.radius[k]:
+            if m == inside:
+                return
+            if squared < closest and (world.unlocked[trial, k] or not world.locked[k]):
+                nearest, closest = m, squared
+    world.inside[trial] = nearest
+    if nearest >= 0:
+        touched[world.kind[nearest]] += 1
+
+
+def take(world, seed, number, trial, time, touched):
+    """Take and replace what is within touch."""
+    place = place_of(world, trial)
+    for m in range(world.kind.shape[0]):
+        k = world.kind[m]
+        if world.effect[k] != TAKEN or world.home[m] != place:
+            continue
+        dx, dy = way_to(world, trial, m)
+        if dx * dx + dy * dy < world.radius[k] * world.radius[k]:
+            touched[k] += 1
+            put_elsewhere(world, seed, number, trial, time, m)
+
+
+def put_elsewhere(world, seed, number, trial, time, m):
+    """Move what was taken, with its holder, which is locked again; the robot is then outside of it."""
+    holder = world.holder[m]
+    free = holder if holder >= 0 else m
+    stream, first = world.moved[world.kind[free]], 4 * world.number[m]
+    x = world.side * uniform(seed, stream, number, time, first)
+    y = world.side * uniform(seed, stream, number, time, first + 1)
+    world.places[trial, free, 0], world.places[trial, free, 1] = x, y
+    if holder >= 0:
+        radius = world.radius[world.kind[holder]]
+        one, other = (
+            uniform(seed, stream, number, time, first + 2),
+            uniform(seed, stream, number, time, first + 3),
+        )
+        dx, dy = in_disc(radius, one, other)
+        world.places[trial, m, 0], world.places[trial, m, 1] = (x + dx) % world.side, (y + dy) % world.side
+        world.unlocked[trial, world.kind[holder]] = False
+        if world.inside[trial] == holder:
+            world.inside[trial] = OUTSIDE
+
+
+def step_world(world, seed, number, trial, left, right, time, touched):
+    """`World.step` at these wheel speeds; how often each kind was touched, in `touched`."""
+    move(world, trial, left, right)
+    touched[:] = 0
+    enter(world, trial, touched)
+    take(world, seed, number, trial, time, touched)
+    sign, found = 1.0, False
+    for k in range(touched.shape[0]):
+        world.touches[trial, k] += touched[k]
+        if touched[k]:
+            value = -world.signs[k] if time >= world.turns[k] else world.signs[k]
+            sign, found = min(sign, value), True
+            for other in range(touched.shape[0]):
+                world.unlocked[trial, other] |= world.opens[k, other]
+    if found:
+        world.sign[trial] = sign
 
 
 def sense(world, trial, r):
     """Which eye of range sensor r answers (0 left, 1 right), and its value."""
-    x, y = world.position[trial, 0], world.position[trial, 1]
-    along, across = cos(world.heading[trial]), sin(world.heading[trial])
-    inside = world.inside[trial]
-    objects = world.items[trial] if world.is_food[r] else world.containers[trial]
+    heading = world.heading[trial]
+    along, across, place = cos(heading), sin(heading), place_of(world, trial)
     nearest, eye = np.inf, 0
-    for m in range(objects.shape[0]):
-        if world.is_food[r]:
-            if world.home[m] != inside:
-                continue
-        elif inside >= 0:
+    for m in range(world.kind.shape[0]):
+        k = world.kind[m]
+        if not world.sees[r, k] or world.home[m] != place:
             continue
-        dx, dy = offset(x, objects[m, 0], world.side), offset(y, objects[m, 1], world.side)
-        distance = dx * dx + dy * dy
-        if distance < nearest and dx * along + dy * across >= 0.0:
-            nearest, eye = distance, 0 if dy * along - dx * across >= 0.0 else 1
-    nearest = math.sqrt(nearest)
-    if world.to_border[r]:
-        radius = world.item_radius if world.is_food[r] else world.container_radius
-        nearest = max(nearest - radius, 0.0)
-    return eye, max(1.0 - nearest / world.reach[r], 0.0)
-
-
-def step_world(world, seed, number, trial, left, right, seconds, time, touched):
-    """`World.step` at these wheel speeds; what was touched, in `touched`."""
-    move(world, trial, left, right, seconds)
-    touched[:] = False
-    if enter(world, trial):
-        kind = FOOD_CONTAINER if world.inside[trial] < world.food_containers else EMPTY_CONTAINER
-        touched[kind] = True
-        world.touches[trial, kind] += 1
-    take(world, seed, number, trial, time, touched)
+        dx, dy = way_to(world, trial, m)
+        inner = world.radius[k] * world.to_border[r]
+        farthest = world.reach[r] + inner
+        if dx * dx + dy * dy > farthest * farthest:
+            continue
+        ahead, leftward = faces(dx, dy, along, across)
+        distance = distance_to(dx, dy, inner)
+        if ahead and distance < nearest:
+            nearest, eye = distance, 0 if leftward else 1
+    return eye, range_value(nearest, world.reach[r])

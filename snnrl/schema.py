@@ -7,12 +7,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any, get_args, get_origin, get_type_hints
 
 from omegaconf import MISSING
 
 from snnrl.errors import ConfigError
+
+MOVED = {  # keys of earlier versions, and where they are now
+    "world.free_items": "world.kinds.food.count",
+    "world.food_containers": "world.kinds.food_container.count",
+    "world.empty_containers": "world.kinds.empty_container.count",
+    "world.item_radius": "world.kinds.food.radius",
+    "world.container_radius": "world.kinds.food_container.radius and world.kinds.empty_container.radius",
+    "world.container_speed": "world.kinds.food_container.speed and world.kinds.empty_container.speed",
+    "world.poison_from": "world.kinds.food.poison_from",
+}
+FOOD = "food"  # the kind of object whose touches are a robot's score
 
 
 def number(
@@ -183,10 +195,34 @@ class CodingConfig:
 
 @dataclass
 class SensorConfig:
-    """How far a range sensor sees (cm), and whether it measures to the border of an object or its centre."""
+    """How far a range sensor sees (cm), whether to an object's border or centre, and which kinds (that of its name)."""
 
     reach: float = number(above=0.0)
     measured_to: str = number("border", choices=("border", "centre"))
+    sees: list[str] = field(default_factory=list)
+
+
+@dataclass
+class KindConfig:
+    """A kind of object: discs of a radius (cm), `count` of them, each of which may hold one thing more of another kind.
+
+    touched: what happens when the robot touches one: it is taken, and reappears elsewhere, or it is entered.
+    holds: the kind of the thing that each of them holds. hides: whether what it holds is sensed and touched from
+    inside of it only, and nothing else from there.
+    speed: factor on the robot's speed inside. opens: kinds that can only be entered after one of these was touched,
+    until what they hold is taken.
+    sign: 1, or -1 where what touching releases lowers a modulator (poison); poison_from: time (s) at which it turns.
+    """
+
+    count: int = number(0, least=0, most=100_000)
+    radius: float = number(above=0.0)
+    touched: str = number("taken", choices=("taken", "entered"))
+    holds: str = ""
+    hides: bool = True
+    speed: float = number(1.0, above=0.0)
+    opens: list[str] = field(default_factory=list)
+    sign: int = number(1, least=-1, most=1)
+    poison_from: float | None = number(None, least=0.0, most=1e9)
 
 
 @dataclass
@@ -194,16 +230,15 @@ class WorldConfig:
     """See `snnrl.body.world.World`; lengths in cm."""
 
     side: float = number(above=0.0)
-    free_items: int = number(least=0, most=100_000)
-    food_containers: int = number(least=0, most=100_000)
-    empty_containers: int = number(least=0, most=100_000)
-    item_radius: float = number(above=0.0)
-    container_radius: float = number(above=0.0)
     axle: float = number(above=0.0)
-    container_speed: float = number(above=0.0)
+    kinds: dict[str, KindConfig] = table()
     ranges: dict[str, SensorConfig] = table()
-    poison_from: float | None = number(None, least=0.0, most=1e9)  # s
-    orbiting: bool = False  # robots start on an orbit round the first item
+    orbiting: bool = False  # robots start on an orbit round the first object
+
+    @property
+    def poison_from(self) -> float | None:
+        """When food turns to poison (s); None where it does not."""
+        return self.kinds[FOOD].poison_from if FOOD in self.kinds else None
 
 
 @dataclass
@@ -382,6 +417,11 @@ class BaselinesConfig:
     samples: int = number(least=1, most=1_000_000)  # points in time of each task's series
 
 
+def no_such_key(key: str, known: Iterable[str]) -> str:
+    """What to say of a key that is not among those known."""
+    return f"is now {MOVED[key]}" if key in MOVED else f"no such key; allowed here: {', '.join(known)}"
+
+
 def check_bounds(config: Any, key: str = "") -> None:
     """Check every value of a dataclass, recursively, against the bounds of its field.
 
@@ -392,7 +432,7 @@ def check_bounds(config: Any, key: str = "") -> None:
     known = [item.name for item in dataclasses.fields(config)]
     for name, value in vars(config).items():
         if name not in known:
-            raise ConfigError(f"{key}{name}", value, f"no such key; allowed here: {', '.join(known)}")
+            raise ConfigError(f"{key}{name}", value, no_such_key(f"{key}{name}", known))
     hints = get_type_hints(type(config))
     for item in dataclasses.fields(config):
         value, name = getattr(config, item.name), f"{key}{item.name}"
