@@ -36,7 +36,8 @@ def update_alone(t, w, ms):  # type: ignore[no-untyped-def]
     for _ in range(ms):
         for b in range(t.places // LANES):
             at = b * LANES
-            fired, same = step_cells(t.model_of[b], w.cells, at, t.places, load(w.background, at))
+            current = load(w.background, t.background_at[b])  # type: ignore[call-arg, var-annotated]
+            fired, _ = step_cells(t.model_of[b], w.cells, at, t.places, current)
             found += mask_bits(fired) & 1
     return found
 

@@ -2,6 +2,9 @@
 
 Neurons are laid out anew: each part of the network (neighbouring groups of one model) begins at a multiple of LANES,
 so that no vector holds neurons of two models. A neuron's `place` is where it then stands.
+
+Projections with many of the pairs that they could have are kept dense: those that learn, of one rule and set and onto
+one group, as one matrix of tiles (`snnrl.engines.fused.tiles`), others as rows. The rest are lists.
 """
 
 from __future__ import annotations
@@ -20,20 +23,24 @@ from snnrl.model.neurons import NeuronModel
 from snnrl.model.plasticity import Plasticity, hard_bounds
 from snnrl.model.synapses import Projection
 
-DENSE = 0.25  # part of the pairs from which on a projection is stored as rows of all its pairs
-LARGEST = 1 << 18  # bytes of a trial's rows of one projection
+DENSE = 0.25  # part of the pairs from which on a projection is kept dense
+LARGEST = 1 << 18  # bytes that one may then take in a trial
 MILLISECONDS = 100  # most between two points at which all tensors are up to date
+DECAYS = 60.0  # time constants of an eligibility between these, at most: e^60 is far from the largest float32
 
 # columns of Tables.groups
 SIZE, START, PLACE = range(3)
 # columns of Tables.noises
-NOISE_PLACE, NOISE_SIZE, NOISE_STREAM = range(3)
+NOISE_AT, NOISE_SIZE, NOISE_STREAM = range(3)
 # columns of Tables.projections
-PRE, POST, DELAY, SET, RULE, SIGNAL, ROWS, COLUMNS, ROW_AT, MASK_AT = range(10)
+PRE, POST, DELAY, SET, RULE, SIGNAL, ROWS, COLUMNS, DENSE_AT = range(9)
+# columns of Tables.matrices and of Tables.members
+ONTO, BY_RULE, LISTENS, OF_SET, TILE, WIDTH, RISE, MEMBERS, MEMBERS_END = range(9)
+FROM, OFFSET, MEMBER = range(3)
 # columns of Tables.rules
 GAINS, GAINS_END, LOSSES, LOSSES_END, DEPRESSES, WEIGHT_RULE, BOUNDS, ADDS_UP = range(8)
 # columns of Tables.modulators and of Tables.modulator_values
-DELAYED, SIGNED, SMOOTHED, RELEASED, SOURCES, SOURCES_END, FURTHER = range(7)
+DELAYED, SIGNED, SMOOTHED, RELEASED, SOURCES, SOURCES_END, FURTHER, RING = range(8)
 BASELINE, DECAY, FADING, REWARD = range(4)
 NONE = -1
 USUAL = ((hard_bounds, 2),), ((burst, 1, 2),)
@@ -49,31 +56,39 @@ class Tables(NamedTuple):
     neuron_of: Any  # int64 [places], NONE where there is no neuron
     model_of: Any  # int64 [places / lanes], place of the model that a block's neurons have
     valid: Any  # int64 [places / lanes], a bit for each lane with a neuron
-    restless: Any  # bool [places / lanes], whether its background changes from ms to ms
     background: Any  # real [places], constant currents
+    background_at: Any  # int64 [places / lanes], where a block's background is: among the constant ones, or behind
+    background_step: Any  # int64 [places / lanes], how far from there to that of the next ms; 0 of a constant one
     noises: Any  # int64 [Q, 3], of groups with a noisy background
     noise_values: Any  # real [Q, 2], current and amplitude
-    projections: Any  # int64 [P, 10]
+    projections: Any  # int64 [P, 9]
+    listed: Any  # int64, projections that learn and are lists
+    sent: Any  # int64, projections that are in no matrix
+    matrices: Any  # int64 [D, 9]
+    members: Any  # int64 [E, 3], projections in matrices
+    tiles: Any  # how many a trial's matrices have
+    rises: Any  # how many reals their rows have, each once
     source: Any  # int32 [S], a synapse's presynaptic place
     target: Any  # int32 [S], its postsynaptic place
     rows: Any  # int64, offsets of each presynaptic neuron's synapses, by projection, trial and neuron
     columns: Any  # int64, offsets into `incoming` of each postsynaptic neuron's synapses, of those that learn
     incoming: Any  # int32, synapses ordered by postsynaptic neuron
     dense: Any  # how many reals a trial's dense rows take
-    masks: Any  # how many blocks of LANES pairs those are
     rules: Any  # int64 [R, 8]
     windows: Any  # real, the windows of all rules end to end
     bounds: Any  # real, the further arguments of all weight rules
-    least: Any  # real [P], the least weight of each projection
-    most: Any  # real [P], the weight above which it cannot rise
-    fading: Any  # real [R, MILLISECONDS + 1], decay^k
-    signals: Any  # real [Sg, M], factor of each modulator in what synapses of one rule listen to
+    least: Any  # real [R], the least weight
+    most: Any  # real [R], the weight above which it cannot rise
+    longest: Any  # ms between two points at which all tensors are up to date, at most MILLISECONDS
+    fading: Any  # real [R, MILLISECONDS + 1], decay^k; beyond `longest` of no use
+    growing: Any  # real [R, MILLISECONDS + 1], decay^-k
+    signals: Any  # real [Sg, M, but at least 1], factor of each modulator in what synapses of one rule listen to
     signal_rule: Any  # int64 [Sg]
     headroom: Any  # real, the most that a spike can add to all eligibilities
     set_limit: Any  # float64 [B, K]
     set_step: Any  # real [K]
     set_always: Any  # bool [K], whether its mean may rise in a way that no sum foretells
-    modulators: Any  # int64 [M, 7]
+    modulators: Any  # int64 [M, 8]
     modulator_values: Any  # real [M, 4]
     sources: Any  # int64, groups
     further: Any  # real, the further arguments of all functions of release
@@ -98,7 +113,7 @@ class Topology:
 
     places: dict[str, Any]
     synapses: dict[str, Any]
-    described: np.ndarray  # int64 [P, 10], without rules, signals and sets
+    described: np.ndarray  # int64 [P, 9], without rules, signals and sets
     settled: np.ndarray  # real [S], zeros for engines to work with
 
 
@@ -119,12 +134,11 @@ def tables(network: Network, known: Topology, lanes: int) -> tuple[Tables, Funct
     releases = tuple(
         dict.fromkeys((m.released, len(m.sources), len(m.further)) for m in network.modulators.values() if m.sources)
     )
-    names = list(network.modulators)
+    names = list(network.modulators) or ["nothing"]
     sets = list(network.homeostasis.values())
     values = {
         "projections": described,
-        "least": np.array([p.rule.weight_min if p.rule else 0.0 for p in network.projections.values()], real),
-        "most": np.array([_most(p) for p in network.projections.values()], real),
+        **_matrices(described, known.places, lanes),
         **_rules(rules, weight_rules, real),
         "signals": np.array([[listens.get(name, 0.0) for name in names] for _, listens in signals], real).reshape(
             len(signals), len(names)
@@ -175,29 +189,59 @@ def _places(network: Network, lanes: int) -> dict[str, Any]:
     }
 
 
+def _matrices(described: np.ndarray, places: dict[str, Any], lanes: int) -> dict[str, Any]:
+    """The dense projections that learn, those onto one group that do it alike side by side."""
+    alike: dict[tuple[int, ...], list[int]] = {}
+    listed, sent = [], []
+    for k, row in enumerate(described.tolist()):
+        learns, is_list = row[RULE] != NONE, row[COLUMNS] != NONE
+        if learns and not is_list:
+            alike.setdefault((row[POST], row[RULE], row[SIGNAL], row[SET]), []).append(k)
+        else:
+            sent.append(k)
+            listed += [k] if learns else []
+    matrices: list[tuple[int, ...]] = []
+    members: list[tuple[int, ...]] = []
+    tile, rise = 0, places["places"]
+    for (post, *learning), inside in alike.items():
+        first, slot = len(members), 0
+        for k in inside:
+            pre = described[k, PRE]
+            members.append((pre, slot, k))
+            slot += places["groups"][pre, SIZE]
+        width = -(-slot // lanes)
+        matrices.append((post, *learning, tile, width, rise, first, len(members)))
+        tile, rise = tile + width * places["groups"][post, SIZE], rise + width * lanes
+    return {
+        "listed": np.array(listed, np.int64),
+        "sent": np.array(sent, np.int64),
+        "matrices": np.array(matrices, np.int64).reshape(-1, 9),
+        "members": np.array(members, np.int64).reshape(-1, 3),
+        "tiles": tile,
+        "rises": rise - places["places"],
+    }
+
+
 def _synapses(network: Network, groups: np.ndarray, lanes: int) -> tuple[dict[str, Any], np.ndarray]:
     place = {name: k for k, name in enumerate(network.groups)}
     shift = np.concatenate([np.full(size, at - start) for size, start, at in groups])
     rows, columns, incoming, described = [], [], [], []
-    row, column, synapse, entry, dense, masks = 0, 0, 0, 0, 0, 0
+    row, column, synapse, entry, dense = 0, 0, 0, 0, 0
     for projection in network.projections.values():
         trials, pre_size, post_size = projection.shape
         source = (projection.trial * pre_size + projection.pre_index).numpy()
         rows.append(synapse + np.searchsorted(source, np.arange(trials * pre_size)))
-        column_at, row_at, mask_at = NONE, NONE, NONE
-        blocks = pre_size * -(-post_size // lanes)
-        if _is_dense(projection, blocks * lanes):
-            row_at, dense = dense, dense + blocks * lanes * (3 if projection.plastic else 1)
-            if projection.plastic:
-                mask_at, masks = masks, masks + blocks
-        elif projection.plastic:
+        column_at, dense_at = NONE, NONE
+        if _is_dense(projection) and not projection.plastic:
+            dense_at, dense = dense, dense + pre_size * -(-post_size // lanes) * lanes
+        elif projection.plastic and not _is_dense(projection):
             target = (projection.trial * post_size + projection.post_index).numpy()
             order = np.argsort(target, kind="stable")
             columns.append(entry + np.searchsorted(target[order], np.arange(trials * post_size)))
             incoming.append(synapse + order)
             column_at, column, entry = column, column + trials * post_size, entry + len(order)
         ends = place[projection.pre], place[projection.post]
-        described.append((*ends, projection.delay, NONE, NONE, NONE, row, column_at, row_at, mask_at))
+        described.append((*ends, projection.delay, NONE, NONE, NONE, row, column_at, dense_at))
         row, synapse = row + trials * pre_size, synapse + len(source)
     neurons = [(ends % network.size).numpy() for ends in (network.synapses.pre, network.synapses.post)]
     found = {
@@ -207,15 +251,14 @@ def _synapses(network: Network, groups: np.ndarray, lanes: int) -> tuple[dict[st
         "columns": _joined([*columns, [entry]], np.int64),
         "incoming": _joined(incoming, np.int32),
         "dense": dense,
-        "masks": masks,
     }
-    return found, np.array(described, np.int64).reshape(-1, 10)
+    return found, np.array(described, np.int64).reshape(-1, 9)
 
 
-def _is_dense(projection: Projection, entries: int) -> bool:
+def _is_dense(projection: Projection) -> bool:
     trials, pre_size, post_size = projection.shape
-    filled = len(projection.weight) / (trials * pre_size * post_size)
-    return filled >= DENSE and 3 * entries * projection.weight.element_size() <= LARGEST
+    pairs = pre_size * post_size
+    return len(projection.weight) >= DENSE * trials * pairs and 3 * pairs * projection.weight.itemsize <= LARGEST
 
 
 def _learning(
@@ -241,10 +284,6 @@ def _learning(
     return rules, signals, described
 
 
-def _most(projection: Projection) -> float:
-    return projection.rule.weight_max if projection.rule and projection.rule.adds_up else math.inf
-
-
 def _foretold(network: Network, name: str) -> bool:
     rule = network.projections[name].rule
     return rule is None or rule.adds_up
@@ -261,29 +300,35 @@ def _rules(rules: list[Plasticity], weight_rules: tuple[Any, ...], real: Any) ->
         windows += [rule.gains.numpy(), rule.losses.numpy()]
         bounds += rule.bounds
         at = ends[2]
-    powers = [np.cumprod([1.0, *[rule.decay] * MILLISECONDS]) for rule in rules]
+    longest = min([MILLISECONDS, *(max(1, int(DECAYS * rule.tau_eligibility)) for rule in rules)])
+    powers = [np.cumprod([1.0, *[rule.decay] * longest, *[1.0] * (MILLISECONDS - longest)]) for rule in rules]
     return {
         "rules": np.array(described, np.int64).reshape(-1, 8),
         "windows": _joined(windows, real),
         "bounds": np.array(bounds, real),
+        "least": np.array([rule.weight_min for rule in rules], real),
+        "most": np.array([rule.weight_max if rule.adds_up else math.inf for rule in rules], real),
+        "longest": longest,
         "fading": np.array(powers, real).reshape(-1, MILLISECONDS + 1),
+        "growing": 1 / np.array(powers, real).reshape(-1, MILLISECONDS + 1),
     }
 
 
 def _modulators(network: Network, releases: tuple[Any, ...], real: Any) -> dict[str, Any]:
     place = {name: k for k, name in enumerate(network.groups)}
-    described, values = [], []
+    described, values, ring = [], [], 0
     sources: list[int] = []
     further: list[float] = []
     for m in network.modulators.values():
         released = releases.index((m.released, len(m.sources), len(m.further))) if m.sources else NONE
         ends = len(sources), len(sources) + len(m.sources)
-        described.append((m.delay, m.signed, m.smoothing > 0, released, *ends, len(further)))
+        described.append((m.delay, m.signed, m.smoothing > 0, released, *ends, len(further), ring))
+        ring += len(m.sources) * m.delay
         values.append((m.baseline, m.decay, m.fading, m.reward))
         sources += [place[name] for name in m.sources.values()]
         further += m.further if m.sources else ()
     return {
-        "modulators": np.array(described, np.int64).reshape(-1, 7),
+        "modulators": np.array(described, np.int64).reshape(-1, 8),
         "modulator_values": np.array(values, real).reshape(-1, 4),
         "sources": np.array(sources, np.int64),
         "further": np.array(further, real),
@@ -293,16 +338,22 @@ def _modulators(network: Network, releases: tuple[Any, ...], real: Any) -> dict[
 def _background(network: Network, places: dict[str, Any], lanes: int, real: Any) -> dict[str, Any]:
     constant = np.zeros(places["places"], real)
     restless = np.zeros(places["places"] // lanes, bool)
-    noises, values = [], []
-    for group, (size, _, at) in zip(network.groups.values(), places["groups"].tolist(), strict=True):
+    named = list(zip(network.groups.values(), places["groups"].tolist(), strict=True))
+    for group, (size, _, at) in named:
         constant[at : at + size] = group.current
         if group.noise:
-            noises.append((at, size, stream("background", group.name)))
-            values.append((group.current, group.noise))
             restless[at // lanes : (at + size - 1) // lanes + 1] = True
+    before = np.cumsum(restless) - restless  # restless blocks before each
+    noises, values = [], []
+    for group, (size, _, at) in named:
+        if group.noise:
+            noises.append((before[at // lanes] * lanes + at % lanes, size, stream("background", group.name)))
+            values.append((group.current, group.noise))
+    blocks = np.arange(len(restless))
     return {
         "background": constant,
-        "restless": restless,
+        "background_at": np.where(restless, places["places"] + before * lanes, blocks * lanes),
+        "background_step": np.where(restless, restless.sum() * lanes, 0),
         "noises": np.array(noises, np.int64).reshape(-1, 3),
         "noise_values": np.array(values, real).reshape(-1, 2),
     }

@@ -100,16 +100,16 @@ def poisson_thresholds(mean: float) -> Tensor:
     return torch.tensor(thresholds, dtype=torch.int64)
 
 
-def reached(draw: Tensor, threshold: Tensor) -> Tensor:
-    """1 where a draw reaches a threshold, else 0."""
-    return torch.where(draw >= threshold, 1.0, 0.0)
+def count_up(count: Tensor, draw: Tensor, threshold: Tensor) -> Tensor:
+    """One more where a draw reaches a threshold."""
+    return torch.where(draw >= threshold, count + 1, count)
 
 
 def poisson(bits: Tensor, thresholds: Tensor) -> Tensor:
     """Poisson counts from 24-bit draws, by inversion: how many thresholds each reaches; same shape, int64."""
     counts = torch.zeros_like(bits)
     for threshold in thresholds:
-        counts += reached(bits, threshold).long()
+        counts = count_up(counts, bits, threshold)
     return counts
 
 

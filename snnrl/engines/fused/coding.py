@@ -8,12 +8,12 @@ import numpy as np
 
 from snnrl.body.coding import Coding, lead_of, wheel_speeds
 from snnrl.body.world import World
-from snnrl.engines.fused.draws import UNIT, bits, fill_counts, uniform
+from snnrl.engines.fused.draws import UNIT, fill_bits, fill_counts, uniform
 from snnrl.engines.fused.network import load_trial, run_block, store_trial
 from snnrl.engines.fused.poisson import look_up, poisson_table
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.world import sense, step_world
-from snnrl.engines.layout import MILLISECONDS, PLACE, SIZE
+from snnrl.engines.layout import PLACE, SIZE
 from snnrl.model.draws import stream
 from snnrl.model.network import Network
 
@@ -76,10 +76,10 @@ def decode(spike_count, coding, trial):
 
 def pulse(t, w, trial, group, stream, time, thresholds, gain):
     """A touch pulse for every neuron of a group, in the first row of the injected current."""
+    fill_bits(w.drawn, t.groups[group, SIZE], t.seed, stream, t.trials[trial], time)
     for i in range(t.groups[group, SIZE]):
-        draw = bits(t.seed, stream, t.trials[trial], time, i)
         count = 0
-        while count < len(thresholds) and draw >= thresholds[count]:
+        while count < len(thresholds) and w.drawn[i] >= thresholds[count]:
             count += 1
         w.injected[t.groups[group, PLACE] + i] += gain * count
 
@@ -102,9 +102,10 @@ def encode(t, w, world, coding, trial, time, touched, table):
             group, stream = coding.ranges[r, eye], coding.range_streams[r, eye]
             mean = coding.range_mean * value
             poisson_table(mean, table)
+            fill_bits(w.drawn, t.groups[group, SIZE], t.seed, stream, number, time)
             for i in range(t.groups[group, SIZE]):
-                draw = bits(t.seed, stream, number, time, i) * UNIT
-                w.injected[t.groups[group, PLACE] + i] += coding.range_gain * look_up(table, draw, mean)
+                count = look_up(table, w.drawn[i] * UNIT, mean)
+                w.injected[t.groups[group, PLACE] + i] += coding.range_gain * count
     for kind in range(len(coding.touches)):
         group = coding.touches[kind]
         if group >= 0 and touched[kind]:
@@ -128,8 +129,8 @@ def run_robot(t, s, w, world, coding, table, touched, sign, low, high, time, tic
             first, size = t.groups[motor, PLACE], t.groups[motor, SIZE]
             drives = first // LANES, (first + size - 1) // LANES + 1
             sign[0] = world.sign[trial]  # as a real number
-            for at in range(0, coding.tick, MILLISECONDS):
-                steps = min(MILLISECONDS, coding.tick - at)
+            for at in range(0, coding.tick, t.longest):
+                steps = min(t.longest, coding.tick - at)
                 row = k * coding.tick + at
                 run_block(t, s, w, trial, now + at, steps, at, drives[0], drives[1], sign[0], raster, row, reward)
         store_trial(t, s, w, trial)

@@ -14,6 +14,7 @@ from snnrl.engines.layout import (
     FURTHER,
     RELEASED,
     REWARD,
+    RING,
     SIGNED,
     SMOOTHED,
     SOURCES,
@@ -24,30 +25,61 @@ from snnrl.model.modulators import mean_rate, relax
 
 
 @placeholder
-def release(which, rate, trial, values, at):
-    """What a modulator's sources release (uM), from `rate` [B, K] and further arguments from `at` on."""
+def release(which, rate, first, values, at):
+    """What a modulator's sources release (uM), from `rate` from `first` and further arguments from `at` on."""
 
 
-def step_modulators(t, s, w, trial, now, found, sign, reward):
-    """One ms of every modulator of a trial; `sign` and `reward` as in `Modulator.step`, of the trial."""
+def fill_modulators(t, s, w, trial):
+    """Lay out the modulators of a trial."""
     for m in range(t.modulators.shape[0]):
-        level = relax(s.level[m][trial], t.modulator_values[m, BASELINE], t.modulator_values[m, DECAY])
-        first, last = t.modulators[m, SOURCES], t.modulators[m, SOURCES_END]
+        w.level[m], w.total[m] = s.level[m][trial], s.total[m][trial]
+        first, delay = t.modulators[m, SOURCES], t.modulators[m, DELAYED]
+        for k in range(t.modulators[m, SOURCES_END] - first):
+            w.rate[first + k] = s.rate[m][trial, k]
+            for slot in range(delay):
+                w.released[t.modulators[m, RING] + k * delay + slot] = s.released[m][trial, k, slot]
+
+
+def empty_modulators(t, s, w, trial):
+    """Put the modulators of a trial back where they were."""
+    for m in range(t.modulators.shape[0]):
+        s.level[m][trial], s.total[m][trial] = w.level[m], w.total[m]
+        first, delay = t.modulators[m, SOURCES], t.modulators[m, DELAYED]
+        for k in range(t.modulators[m, SOURCES_END] - first):
+            s.rate[m][trial, k] = w.rate[first + k]
+            for slot in range(delay):
+                s.released[m][trial, k, slot] = w.released[t.modulators[m, RING] + k * delay + slot]
+
+
+def step_modulators(t, w, now, found, sign, reward):
+    """One ms of every modulator; `sign` and `reward` as in `Modulator.step`, of the trial."""
+    for m in range(t.modulators.shape[0]):
+        level = relax(w.level[m], t.modulator_values[m, BASELINE], t.modulator_values[m, DECAY])
+        first, last, delay = t.modulators[m, SOURCES], t.modulators[m, SOURCES_END], t.modulators[m, DELAYED]
         if last > first:
-            slot = now % t.modulators[m, DELAYED]
-            for k in range(last - first):
-                g = t.sources[first + k]
-                spikes = w.first[g + 1] - w.first[g] if found else 0
-                rate = s.rate[m][trial, k]
-                s.rate[m][trial, k] = s.released[m][trial, k, slot]  # as a real number
-                s.released[m][trial, k, slot] = spikes
+            slot = t.modulators[m, RING] + now % delay
+            for k in range(first, last):
+                g = t.sources[k]
+                before = w.rate[k]
+                w.rate[k] = w.released[slot]  # as a real number
+                w.released[slot] = w.first[g + 1] - w.first[g] if found else 0
                 if t.modulators[m, SMOOTHED]:
-                    s.rate[m][trial, k] = mean_rate(rate, s.rate[m][trial, k], t.modulator_values[m, FADING])
-            amount = release(t.modulators[m, RELEASED], s.rate[m], trial, t.further, t.modulators[m, FURTHER])
+                    w.rate[k] = mean_rate(before, w.rate[k], t.modulator_values[m, FADING])
+                slot += delay
+            amount = release(t.modulators[m, RELEASED], w.rate, first, t.further, t.modulators[m, FURTHER])
             level += sign * amount if t.modulators[m, SIGNED] else amount
         level += t.modulator_values[m, REWARD] * reward
-        s.level[m][trial] = level
-        s.total[m][trial] += level
+        w.level[m] = level
+        w.total[m] += level
+
+
+def signal_of(t, w, signal):
+    """The sum of modulators that a synapse listens to."""
+    level = t.signals[signal, 0] * w.level[0]
+    for m in range(1, t.signals.shape[1]):
+        if t.signals[signal, m] != 0.0:
+            level += t.signals[signal, m] * w.level[m]
+    return level
 
 
 def releasing(functions: Functions) -> dict[str, Callable[..., Any]]:
@@ -55,7 +87,7 @@ def releasing(functions: Functions) -> dict[str, Callable[..., Any]]:
     lines, names = [], {}
     for k, (function, sources, further) in enumerate(functions.releases):
         names[f"release_{k}"] = function
-        given = [f"rate[trial, {i}]" for i in range(sources)] + [f"values[at + {i}]" for i in range(further)]
+        given = [f"rate[first + {i}]" for i in range(sources)] + [f"values[at + {i}]" for i in range(further)]
         lines += [f"    if which == {k}:", f"        return release_{k}({', '.join(given)})"]
-    body = "\n".join([*lines, "    return rate[trial, 0]"])
-    return {"release": spelled("release", "which, rate, trial, values, at", body, {}), **names}
+    body = "\n".join([*lines, "    return rate[first]"])
+    return {"release": spelled("release", "which, rate, first, values, at", body, {}), **names}

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 from snnrl.engines.fused.compiler import placeholder, spelled
-from snnrl.engines.fused.draws import drawn_width, fill_noise
-from snnrl.engines.fused.vectors import DRAWN, LANES, load, load_drawn, lowest_bit, mask_bits, store
-from snnrl.engines.layout import MILLISECONDS, NOISE_PLACE, NOISE_SIZE, NOISE_STREAM, Functions
+from snnrl.engines.fused.draws import fill_noise
+from snnrl.engines.fused.vectors import LANES, load, lowest_bit, mask_bits, store
+from snnrl.engines.fused.work import NOISY
+from snnrl.engines.layout import NOISE_AT, NOISE_SIZE, NOISE_STREAM, Functions
 
 
 @placeholder
@@ -16,40 +17,66 @@ def step_cells(model, cells, at, places, current):
     """One ms of the block at `at`; returns two vectors' worth: who fired, and whether the state stayed the same."""
 
 
+def fill_cells(t, s, w, trial):
+    """Lay out the neurons of a trial; unused places get the state of a neuron beside them."""
+    slots, step = s.pending.shape[1], noise_step(t)
+    for c in range(s.packed.shape[0]):
+        n = 0
+        for place in range(t.places):
+            n = t.neuron_of[place] if t.neuron_of[place] >= 0 else n
+            w.cells[c * t.places + place] = s.packed[c, trial, n]
+    w.fed[:] = True
+    w.still[:] = False
+    w.injected[:] = 0.0
+    for place in range(t.places):
+        n, block = t.neuron_of[place], place // LANES
+        for k in range(NOISY if t.background_step[block] else 1):
+            w.background[t.background_at[block] + place % LANES + k * step] = t.background[place]
+        if n >= 0:
+            w.last[place] = w.earlier[place] = s.last_spike[trial, n]
+            for slot in range(slots):
+                w.pending[slot * t.places + place] = s.pending[trial, slot, n]
+
+
+def empty_cells(t, s, w, trial):
+    """Put the neurons of a trial back where they were."""
+    slots = s.pending.shape[1]
+    for place in range(t.places):
+        n = t.neuron_of[place]
+        if n >= 0:
+            s.last_spike[trial, n] = w.last[place]
+            for c in range(s.packed.shape[0]):
+                s.packed[c, trial, n] = w.cells[c * t.places + place]
+            for slot in range(slots):
+                s.pending[trial, slot, n] = w.pending[slot * t.places + place]
+
+
+def noise_step(t):
+    """From a noisy background current to that of the next ms; 0 if there is none."""
+    step = 0
+    for block in range(t.places // LANES):
+        step = max(step, t.background_step[block])
+    return step
+
+
 def draw_noise(t, w, trial, time, steps):
-    """Background currents of the noisy groups for a block of ms; returns how many rows to skip."""
-    at = 0
+    """Background currents of the noisy groups for a block of ms; returns the row of the first."""
+    step = noise_step(t)
     for q in range(t.noises.shape[0]):
-        width = drawn_width(t.noises[q, NOISE_SIZE])
+        at, size, stream = t.places + t.noises[q, NOISE_AT], t.noises[q, NOISE_SIZE], t.noises[q, NOISE_STREAM]
         current, amplitude = t.noise_values[q, 0], t.noise_values[q, 1]
-        stream = t.noises[q, NOISE_STREAM]
-        fill_noise(w.noise, at, width, t.seed, stream, t.trials[trial], time, steps, current, amplitude)
-        at += (MILLISECONDS + 6) * width
+        fill_noise(w.background, at, step, size, t.seed, stream, t.trials[trial], time, steps, current, amplitude)
     return time & 3
 
 
-def put_noise(t, w, row):
-    """The background of the noisy groups in one ms."""
-    at = 0
-    for q in range(t.noises.shape[0]):
-        size, place = t.noises[q, NOISE_SIZE], t.noises[q, NOISE_PLACE]
-        width = drawn_width(size)
-        here = at + row * width
-        whole = size // DRAWN * DRAWN
-        for i in range(0, whole, DRAWN):
-            store(w.background, place + i, load_drawn(w.noise, here + i))
-        for i in range(whole, size):
-            w.background[place + i] = w.noise[here + i]
-        at += (MILLISECONDS + 6) * width
-
-
-def update_cells(t, w, slot, row, low, high):
+def update_cells(t, w, slot, noise, row, low, high):
     """One ms of all neurons; who fired goes to `spikes`, their number is returned.
 
     A block whose neurons stay exactly as they are while nothing reaches them is passed over until something does.
 
     Args:
         slot: of what arrives now.
+        noise: row of the noisy background currents.
         row: of the injected current, whose blocks from low to high (not included) are not 0.
     """
     blocks = t.places // LANES
@@ -58,8 +85,8 @@ def update_cells(t, w, slot, row, low, high):
         fed, driven = w.fed[slot * blocks + b], low <= b < high
         if w.still[b] and not fed and not driven:
             continue
-        at = b * LANES
-        inflow = load(w.background, at)
+        at, step = b * LANES, t.background_step[b]
+        inflow = load(w.background, t.background_at[b] + noise * step)
         if fed:
             here = slot * t.places + at
             inflow = load(w.pending, here) + inflow
@@ -68,7 +95,7 @@ def update_cells(t, w, slot, row, low, high):
         if driven:
             inflow = inflow + load(w.injected, row * t.places + at)
         fired, same = step_cells(t.model_of[b], w.cells, at, t.places, inflow)
-        w.still[b] = same and not fed and not driven and not t.restless[b]
+        w.still[b] = same and not fed and not driven and step == 0
         bits = mask_bits(fired) & t.valid[b]
         while bits:
             w.spikes[found] = at + lowest_bit(bits)

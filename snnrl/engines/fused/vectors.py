@@ -19,7 +19,8 @@ from numba.core.imputils import lower_builtin
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, register_model
 
-LANES = 16
+LANE_BITS = 4
+LANES = 1 << LANE_BITS
 DRAWN = 8  # lanes of the 64-bit numbers that random numbers are made of
 
 INDEX = ir.IntType(32)
@@ -210,6 +211,29 @@ def store(typingctx, array, at, value):
     return types.void(array, types.int64, value), codegen
 
 
+@intrinsic
+def take(typingctx, array, at):
+    """The number of a flat array at a place that is not counted from the end."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        return builder.load(builder.gep(data, [args[1]]))
+
+    return array.dtype(array, types.int64), codegen
+
+
+@intrinsic
+def put(typingctx, array, at, value):
+    """Let a flat array have a number at a place that is not counted from the end."""
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        builder.store(args[2], builder.gep(data, [args[1]]))
+        return context.get_dummy_value()
+
+    return types.void(array, types.int64, array.dtype), codegen
+
+
 @intrinsic(prefer_literal=True)
 def counting(typingctx, start, lanes):
     """start, start + 1, ... as so many 64-bit whole numbers."""
@@ -224,14 +248,51 @@ def counting(typingctx, start, lanes):
 
 @intrinsic
 def as_real(typingctx, value, like):
-    """A vector of whole numbers below 2^31 as reals of the type of `like`."""
-    kind = VectorType(like, value.lanes)
+    """A vector of whole numbers below 2^31 as reals of the type of `like`, a number or an array."""
+    kind = VectorType(like.dtype if isinstance(like, types.Array) else like, value.lanes)
 
     def codegen(context, builder, sig, args):
-        narrow = builder.trunc(args[0], ir.VectorType(ir.IntType(32), value.lanes))
-        return builder.sitofp(narrow, context.get_value_type(kind))
+        return builder.sitofp(_narrow(builder, args[0], value), context.get_value_type(kind))
 
     return kind(value, like), codegen
+
+
+def _narrow(builder: Any, value: Any, kind: Any) -> Any:
+    """Whole numbers in 32 bits each."""
+    if kind.element.bitwidth == 32:
+        return value
+    return builder.trunc(value, ir.VectorType(ir.IntType(32), kind.lanes))
+
+
+@intrinsic
+def joined(typingctx, first, second):
+    """Two vectors of whole numbers below 2^31 as one of int32."""
+    kind = VectorType(types.int32, 2 * first.lanes)
+
+    def codegen(context, builder, sig, args):
+        parts = [_narrow(builder, value, first) for value in args]
+        order = ir.Constant(ir.VectorType(INDEX, kind.lanes), list(range(kind.lanes)))
+        return builder.shuffle_vector(*parts, order)
+
+    return kind(first, second), codegen
+
+
+@intrinsic(prefer_literal=True)
+def half(typingctx, value, which):
+    """The first (0) or the second (1) half of a vector."""
+    kind = VectorType(value.element, value.lanes // 2)
+
+    def codegen(context, builder, sig, args):
+        first = which.literal_value * kind.lanes
+        return _lanes(builder, args[0], first, kind.lanes)
+
+    return kind(value, which), codegen
+
+
+def _lanes(builder: Any, value: Any, first: int, lanes: int) -> Any:
+    """So many lanes from the first on."""
+    order = ir.Constant(ir.VectorType(INDEX, lanes), list(range(first, first + lanes)))
+    return builder.shuffle_vector(value, ir.Constant(value.type, ir.Undefined), order)
 
 
 @intrinsic
@@ -284,14 +345,7 @@ def across(typingctx, value):
         total, lanes = args[0], value.lanes
         while lanes > 1:
             lanes //= 2
-            low, high = (
-                builder.shuffle_vector(
-                    total,
-                    ir.Constant(total.type, ir.Undefined),
-                    ir.Constant(ir.VectorType(INDEX, lanes), list(range(first, first + lanes))),
-                )
-                for first in (0, lanes)
-            )
+            low, high = (_lanes(builder, total, first, lanes) for first in (0, lanes))
             total = builder.fadd(low, high)
         return builder.extract_element(total, ir.Constant(INDEX, 0))
 

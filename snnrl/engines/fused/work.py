@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from snnrl.engines.fused.draws import drawn_width
 from snnrl.engines.fused.vectors import LANES
-from snnrl.engines.layout import MILLISECONDS, NOISE_SIZE, Tables
+from snnrl.engines.layout import DELAYED, MILLISECONDS, SIZE, SOURCES, SOURCES_END, WIDTH, Tables
 
 CACHE_LINE = 64  # bytes
+NOISY = MILLISECONDS + 6  # rows of noise: they are drawn four at a time
 
 
 class State(NamedTuple):
@@ -38,49 +38,65 @@ class Work(NamedTuple):
     pending: Any  # real [L * places]
     fed: Any  # bool [L * blocks], whether anything is pending for a block
     still: Any  # bool [blocks], whether a block's neurons stay as they are while nothing reaches them
-    background: Any  # real [places]
-    noise: Any  # real, background currents of a block of ms
+    background: Any  # real [places], constant currents, and behind them rows of a block of ms, of restless blocks
     injected: Any  # real [MILLISECONDS or a tick, places]
+    drawn: Any  # int64 [places], random numbers of a group
     spikes: Any  # int64 [places], places of those who fired in this ms
     first: Any  # int64 [G + 1], where each group's spikes begin in `spikes`
-    rise: Any  # real [places], what a postsynaptic spike now adds, by presynaptic neuron
+    rise: Any  # real [places + rises], what a postsynaptic spike now adds, by presynaptic neuron
     fall: Any  # real [places], what a presynaptic spike now adds, by postsynaptic neuron
-    dense: Any  # real, rows of all pairs: weight, and where they learn eligibility and `settled`
-    masks: Any  # int64, a bit for each pair that has a synapse
+    tiles: Any  # real [tiles * 3 * LANES], see `snnrl.engines.fused.tiles`
+    masks: Any  # int64 [tiles], a bit for each pair that has a synapse
+    lanes: Any  # int64, a bit for each presynaptic neuron that fires, by tile of a row
+    rows: Any  # real, weights of dense projections that do not learn
     drive: Any  # real [Sg], see `snnrl.engines.fused.plasticity`
     before: Any  # real [Sg]
+    signal: Any  # real [Sg], what synapses listen to in this ms
     positive: Any  # bool [Sg]
-    weights: Any  # float64 [K], sum of each set's weights at the last flush
+    weights: Any  # float64 [K], sum of each set's weights when they were last settled
     rising: Any  # float64 [K], how fast it can rise at most
+    level: Any  # real [M, but at least 1], of the trial's modulators
+    total: Any  # float64 [M]
+    rate: Any  # real, of their sources
+    released: Any  # int64, their sources' spikes on the way
 
 
 def work_for(tables: Tables, columns: int, slots: int, rows: int, real: Any) -> Work:
     """A thread's room for one trial at a time; `rows` ms of injected current."""
-    places, blocks = tables.places, tables.places // LANES
+    places, blocks, sources = tables.places, tables.places // LANES, tables.modulators[:, SOURCES_END]
     rooms = {
         "cells": columns * places,
         "pending": slots * places,
-        "background": places,
-        "noise": sum((MILLISECONDS + 6) * drawn_width(int(size)) for size in tables.noises[:, NOISE_SIZE]),
+        "background": places + NOISY * int(tables.background_step.max(initial=0)),
         "injected": rows * places,
-        "rise": places,
+        "rise": places + tables.rises,
         "fall": places,
-        "dense": tables.dense,
+        "tiles": 3 * LANES * tables.tiles,
+        "rows": tables.dense,
     }
+    signals, sets = len(tables.signals), len(tables.set_step)
+    on_the_way = tables.modulators[:, DELAYED] * (sources - tables.modulators[:, SOURCES])
     return Work(
         **_side_by_side(rooms, real),
         last=np.zeros(places, np.int64),
         earlier=np.zeros(places, np.int64),
         fed=np.zeros(slots * blocks, bool),
         still=np.zeros(blocks, bool),
+        drawn=np.zeros(tables.groups[:, SIZE].max(initial=0) + LANES, np.int64),
         spikes=np.zeros(places, np.int64),
         first=np.zeros(len(tables.groups) + 1, np.int64),
-        masks=np.zeros(tables.masks, np.int64),
-        drive=np.zeros(len(tables.signals), real),
-        before=np.zeros(len(tables.signals), real),
-        positive=np.zeros(len(tables.signals), bool),
-        weights=np.zeros(len(tables.set_step)),
-        rising=np.zeros(len(tables.set_step)),
+        masks=np.zeros(tables.tiles, np.int64),
+        lanes=np.zeros(tables.matrices[:, WIDTH].max(initial=0), np.int64),
+        drive=np.zeros(signals, real),
+        before=np.zeros(signals, real),
+        signal=np.zeros(signals, real),
+        positive=np.zeros(signals, bool),
+        weights=np.zeros(sets),
+        rising=np.zeros(sets),
+        level=np.zeros(tables.signals.shape[1], real),
+        total=np.zeros(len(sources)),
+        rate=np.zeros(sources.max(initial=0), real),
+        released=np.zeros(int(on_the_way.sum()), np.int64),
     )
 
 
