@@ -2,9 +2,9 @@
 
 from importlib.metadata import version
 
+from snnrl import schema
 from snnrl.body.robot import Robot
 from snnrl.body.world import World
-from snnrl.configuration import schema
 from snnrl.configuration.builder import build, build_network
 from snnrl.engines import make_engine
 from snnrl.model.draws import Draws

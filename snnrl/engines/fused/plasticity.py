@@ -10,8 +10,8 @@ needed. Within a block of milliseconds, with lambda = exp(-1 / tau_eligibility):
 - So it is as long as neither eligibility changes (then the synapse is settled first) nor the signal its sign (then all
   synapses are).
 
-Synapses whose rule is not additive are all updated in every ms. How they are kept, `tiles` or `lists`, changes no bit
-of any of them.
+Synapses whose rule is not additive are all updated in every ms. How they are kept, `tiles` or `lists`, changes them by
+rounding at most: sets are added up in another order, and so all weights are settled at other times.
 """
 
 from __future__ import annotations
