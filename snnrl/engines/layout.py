@@ -35,7 +35,7 @@ NOISE_AT, NOISE_SIZE, NOISE_STREAM = range(3)
 # columns of Tables.projections
 PRE, POST, DELAY, SET, RULE, SIGNAL, ROWS, COLUMNS, DENSE_AT = range(9)
 # columns of Tables.matrices and of Tables.members
-ONTO, BY_RULE, LISTENS, OF_SET, TILE, WIDTH, RISE, MEMBERS, MEMBERS_END = range(9)
+ONTO, BY_RULE, LISTENS, OF_SET, TILE, WIDTH, RISE, ROW, MEMBERS, MEMBERS_END = range(10)
 FROM, OFFSET, MEMBER = range(3)
 # columns of Tables.rules
 GAINS, GAINS_END, LOSSES, LOSSES_END, DEPRESSES, WEIGHT_RULE, BOUNDS, ADDS_UP = range(8)
@@ -64,9 +64,10 @@ class Tables(NamedTuple):
     projections: Any  # int64 [P, 9]
     listed: Any  # int64, projections that learn and are lists
     sent: Any  # int64, projections that are in no matrix
-    matrices: Any  # int64 [D, 9]
+    matrices: Any  # int64 [D, 10]
     members: Any  # int64 [E, 3], projections in matrices
     tiles: Any  # how many a trial's matrices have
+    tile_rows: Any  # how many rows of tiles
     rises: Any  # how many reals their rows have, each once
     source: Any  # int32 [S], a synapse's presynaptic place
     target: Any  # int32 [S], its postsynaptic place
@@ -202,7 +203,7 @@ def _matrices(described: np.ndarray, places: dict[str, Any], lanes: int) -> dict
             listed += [k] if learns else []
     matrices: list[tuple[int, ...]] = []
     members: list[tuple[int, ...]] = []
-    tile, rise = 0, places["places"]
+    tile, rise, row = 0, places["places"], 0
     for (post, *learning), inside in alike.items():
         first, slot = len(members), 0
         for k in inside:
@@ -210,14 +211,16 @@ def _matrices(described: np.ndarray, places: dict[str, Any], lanes: int) -> dict
             members.append((pre, slot, k))
             slot += places["groups"][pre, SIZE]
         width = -(-slot // lanes)
-        matrices.append((post, *learning, tile, width, rise, first, len(members)))
-        tile, rise = tile + width * places["groups"][post, SIZE], rise + width * lanes
+        matrices.append((post, *learning, tile, width, rise, row, first, len(members)))
+        size = places["groups"][post, SIZE]
+        tile, rise, row = tile + width * size, rise + width * lanes, row + size
     return {
         "listed": np.array(listed, np.int64),
         "sent": np.array(sent, np.int64),
-        "matrices": np.array(matrices, np.int64).reshape(-1, 9),
+        "matrices": np.array(matrices, np.int64).reshape(-1, 10),
         "members": np.array(members, np.int64).reshape(-1, 3),
         "tiles": tile,
+        "tile_rows": row,
         "rises": rise - places["places"],
     }
 
@@ -258,7 +261,7 @@ def _synapses(network: Network, groups: np.ndarray, lanes: int) -> tuple[dict[st
 def _is_dense(projection: Projection) -> bool:
     trials, pre_size, post_size = projection.shape
     pairs = pre_size * post_size
-    return len(projection.weight) >= DENSE * trials * pairs and 3 * pairs * projection.weight.itemsize <= LARGEST
+    return len(projection.weight) >= DENSE * trials * pairs and 2 * pairs * projection.weight.itemsize <= LARGEST
 
 
 def _learning(

@@ -11,7 +11,7 @@ from snnrl.body.world import World
 from snnrl.engines.fused.draws import UNIT, fill_bits, fill_counts, uniform
 from snnrl.engines.fused.network import load_trial, run_block, store_trial
 from snnrl.engines.fused.poisson import look_up, poisson_table
-from snnrl.engines.fused.vectors import LANES
+from snnrl.engines.fused.vectors import LANES, load, store
 from snnrl.engines.fused.world import sense, step_world
 from snnrl.engines.layout import PLACE, SIZE
 from snnrl.model.draws import stream
@@ -84,15 +84,22 @@ def pulse(t, w, trial, group, stream, time, thresholds, gain):
         w.injected[t.groups[group, PLACE] + i] += gain * count
 
 
+def clear(t, w, ticks, group):
+    """No current but in the first row for the blocks that a group is in."""
+    nothing = load(w.injected, 0) * 0.0
+    first, last = t.groups[group, PLACE] // LANES, (t.groups[group, PLACE] + t.groups[group, SIZE] - 1) // LANES + 1
+    for k in range(1, ticks):
+        for block in range(first, last):
+            store(w.injected, k * t.places + block * LANES, nothing)
+
+
 def encode(t, w, world, coding, trial, time, touched, table):
     """The tick's injected current; returns the motor that explores."""
     number = t.trials[trial]
     w.injected[: t.places] = 0.0
     motor = 1 if uniform(t.seed, coding.side_stream, number, time, 0) >= 0.5 else 0
     group, other = coding.motors[motor], coding.motors[1 - motor]
-    size, place = t.groups[other, SIZE], t.groups[other, PLACE]
-    for k in range(1, coding.tick):
-        w.injected[k * t.places + place : k * t.places + place + size] = 0.0
+    clear(t, w, coding.tick, other)
     size, place, stream = t.groups[group, SIZE], t.groups[group, PLACE], coding.exploration_streams[motor]
     thresholds = coding.exploration_thresholds
     fill_counts(w.injected, place, t.places, size, t.seed, stream, number, time, coding.tick, thresholds)

@@ -6,12 +6,15 @@ rise.
 
 from __future__ import annotations
 
+import numpy as np
+
 from snnrl.engines.fused.compiler import rare
 from snnrl.engines.fused.lists import lower_list, settle_list
 from snnrl.engines.fused.tiles import lower_tiles, settle_tiles
 from snnrl.engines.layout import BY_RULE, OF_SET, RULE, SET
 
 SLACK = 1e-5  # of a limit, for the rounding of the bound
+TINY = 1e-30  # in place of a rise of nothing
 
 
 def settle(t, s, w, trial, power):
@@ -32,20 +35,17 @@ def settle(t, s, w, trial, power):
             w.weights[t.projections[p, SET]] += total
             w.rising[t.projections[p, SET]] += rise
     w.drive[:] = 0.0
+    w.reach[0] = reach_with(t, w, trial, 0.0)
 
 
-def may_exceed(t, w, trial, farthest, more):
-    """Whether a set can have passed its limit since all weights were settled.
-
-    Args:
-        farthest: largest drive since then.
-        more: that `rising` may still grow by.
-    """
-    near = False
+def reach_with(t, w, trial, more):
+    """The farthest drive up to which no set can have passed its limit, if `rising` grows by `more`."""
+    reach = np.inf
     for k in range(t.set_step.shape[0]):
         limit = t.set_limit[trial, k]
-        near |= t.set_always[k] or w.weights[k] + (w.rising[k] + more) * farthest > limit - SLACK * limit
-    return near
+        room = limit - SLACK * limit - w.weights[k]
+        reach = min(reach, room / max(w.rising[k] + more, TINY) if room >= 0.0 and not t.set_always[k] else -1.0)
+    return reach
 
 
 @rare

@@ -6,7 +6,7 @@ The results are those of `Network.step` to rounding; all tensors are up to date 
 from __future__ import annotations
 
 from snnrl.engines.fused.compiler import rare
-from snnrl.engines.fused.homeostasis import dampen, may_exceed, settle
+from snnrl.engines.fused.homeostasis import dampen, reach_with, settle
 from snnrl.engines.fused.lists import fill_rows, pair_list, send_list, update_list
 from snnrl.engines.fused.modulators import empty_modulators, fill_modulators, signal_of, step_modulators
 from snnrl.engines.fused.neurons import draw_noise, empty_cells, fill_cells, sort_spikes, update_cells
@@ -54,16 +54,17 @@ def learn(t, s, w, trial, now, power, found, slots):
         w.before[signal] = w.drive[signal]
         w.drive[signal] += t.fading[rule, power] * w.signal[signal]
         farthest, growing = max(farthest, abs(w.drive[signal])), max(growing, t.growing[rule, power])
-    near = may_exceed(t, w, trial, farthest, t.headroom * growing * found)
     if found:
-        pair(t, s, w, trial, now, power, not near)
+        through = farthest <= reach_with(t, w, trial, t.headroom * growing * found)
+        pair(t, s, w, trial, now, power, through)
+        w.reach[0] = reach_with(t, w, trial, 0.0)
         for n in range(found):
             w.earlier[w.spikes[n]] = now
     update_every(t, s, w, trial, power)
-    if near and may_exceed(t, w, trial, farthest, 0.0):
+    if farthest > w.reach[0]:
         dampen(t, s, w, trial)
     if found:
-        send(t, s, w, trial, now, slots, not near)
+        send(t, s, w, trial, now, slots, through)
 
 
 @rare

@@ -20,7 +20,7 @@ from collections.abc import Callable
 from typing import Any
 
 from snnrl.engines.fused.compiler import placeholder, spelled
-from snnrl.engines.fused.vectors import LANES, across, counting, load, put, select, take
+from snnrl.engines.fused.vectors import LANES, across, counting, gather, load, select, store
 from snnrl.engines.layout import BOUNDS, PLACE, SIZE, WEIGHT_RULE, Functions
 
 
@@ -37,13 +37,17 @@ def settled_weight(t, rule, weight, scaled, change):
 def look_up(t, out, at, group, last, now, first, end, together):
     """What a spike adds for each neuron of a group, by the ms since its last spike, into `out` from `at` on.
 
+    What is behind the group there, up to a whole vector, is 0 then.
+
     `together` is what it adds where that is none.
     """
-    place, longest = t.groups[group, PLACE], end - 1 - first
-    for i in range(t.groups[group, SIZE]):
-        elapsed = now - take(last, place + i)
-        added = take(t.windows, first + max(min(elapsed, longest), 0))
-        put(out, at + i, added if elapsed > 0 else together)
+    place, size, longest = t.groups[group, PLACE], t.groups[group, SIZE], end - 1 - first
+    for i in range(0, size, LANES):
+        elapsed = now - load(last, place + i)
+        within = select(elapsed < longest, elapsed, longest)
+        added = gather(t.windows, select(within > 0, within, 0) + first)
+        added = select(elapsed > 0, added, together)
+        store(out, at + i, select(counting(i, LANES) < size, added, added * 0.0))
 
 
 def risen(values, at, size, positive):

@@ -1,8 +1,9 @@
 """Dense projections that learn, as matrices: all pairs of a postsynaptic neuron and of the neurons that reach it.
 
-A row is a postsynaptic neuron's, of tiles of LANES pairs each, and a tile holds their weights, their `scaled` and their
-`settled` (see `plasticity`) side by side. So a postsynaptic spike is a pass along a row, and the presynaptic spikes of
-one ms are passes down the columns of tiles that they fall in. Where a pair has no synapse, all three stay 0.
+A row is a postsynaptic neuron's, of tiles of LANES pairs each, and a tile holds their weights and their `scaled` (see
+`plasticity`) side by side. So a postsynaptic spike is a pass along a row, and the presynaptic spikes of one ms are
+passes down the columns of tiles that they fall in. A pair was last settled when one of its two neurons last fired: its
+`settled` is the later of its row's and its column's. Where it has no synapse, weight and `scaled` stay 0.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from snnrl.engines.layout import (
     ONTO,
     PLACE,
     RISE,
+    ROW,
     ROWS,
     SIZE,
     TILE,
@@ -35,7 +37,7 @@ from snnrl.engines.layout import (
 )
 from snnrl.model.homeostasis import lowered
 
-SCALED, SETTLED, ALL = LANES, 2 * LANES, 3 * LANES  # within a tile, and to the next
+SCALED, ALL = LANES, 2 * LANES  # within a tile, and to the next
 
 
 def entry(tile, slot):
@@ -47,6 +49,8 @@ def fill_tiles(t, s, w, trial):
     """Lay out the synapses of a trial."""
     w.tiles[:] = 0.0
     w.masks[:] = 0
+    w.row_settled[:] = 0.0
+    w.column_settled[:] = 0.0
     for d in range(t.matrices.shape[0]):
         each_synapse(t, s, w, trial, d, True)
 
@@ -75,30 +79,45 @@ def each_synapse(t, s, w, trial, d, loading):
                     s.weight[k], s.eligibility[k] = w.tiles[at], w.tiles[at + SCALED]
 
 
+def later(one, other, grown):
+    """Of two drives the one that was reached later: since 0 they have only grown, or only fallen."""
+    return select(one > other, one, other) if grown else select(one < other, one, other)
+
+
 def settle_tiles(t, w, d, fading):
     """Bring every weight up to date; `scaled` times `fading` is what stays of the eligibility.
 
     Returns the sum of the weights, and of |scaled| where that makes a weight rise.
     """
-    rule, signal = t.matrices[d, BY_RULE], t.matrices[d, LISTENS]
-    drive, sign, most = w.drive[signal], 1.0 if w.positive[signal] else -1.0, t.most[rule]
-    adds_up = t.rules[rule, ADDS_UP]
-    first = t.matrices[d, TILE]
-    nothing = as_double(load(w.tiles, 0)) * 0.0
-    total, rise = nothing, nothing
-    for tile in range(first, first + t.groups[t.matrices[d, ONTO], SIZE] * t.matrices[d, WIDTH]):
-        at = tile * ALL
-        weight, scaled = load(w.tiles, at), load(w.tiles, at + SCALED)
-        if adds_up:
-            weight = settled_weight(t, rule, weight, scaled, drive - load(w.tiles, at + SETTLED))
-            weight = select(bits_mask(w.masks[tile]), weight, weight * 0.0)
-            store(w.tiles, at, weight)
-            store(w.tiles, at + SETTLED, scaled * 0.0)
-        scaled = scaled * fading
-        store(w.tiles, at + SCALED, scaled)
-        upward = scaled * sign
-        total = total + as_double(weight)
-        rise = rise + as_double(select((upward > 0.0) & (weight < most), upward, upward * 0.0))
+    rule, signal, width, columns = (
+        t.matrices[d, BY_RULE],
+        t.matrices[d, LISTENS],
+        t.matrices[d, WIDTH],
+        t.matrices[d, RISE],
+    )
+    drive, positive, most, adds_up = w.drive[signal], w.positive[signal], t.most[rule], t.rules[rule, ADDS_UP]
+    nothing = load(w.tiles, 0) * 0.0
+    total, rise = as_double(nothing), as_double(nothing)
+    for j in range(t.groups[t.matrices[d, ONTO], SIZE]):
+        along, upwards, row = nothing, nothing, nothing + w.row_settled[t.matrices[d, ROW] + j]
+        for b in range(width):
+            tile = t.matrices[d, TILE] + j * width + b
+            at = tile * ALL
+            weight, scaled = load(w.tiles, at), load(w.tiles, at + SCALED)
+            if adds_up:
+                settled = later(row, load(w.column_settled, columns + b * LANES), drive > 0.0)
+                weight = settled_weight(t, rule, weight, scaled, drive - settled)
+                weight = select(bits_mask(w.masks[tile]), weight, nothing)
+                store(w.tiles, at, weight)
+            scaled = scaled * fading
+            store(w.tiles, at + SCALED, scaled)
+            upward = scaled if positive else -scaled
+            along = along + weight
+            upwards = upwards + select((upward > 0.0) & (weight < most), upward, nothing)
+        total, rise = total + as_double(along), rise + as_double(upwards)
+        w.row_settled[t.matrices[d, ROW] + j] = 0.0
+    for b in range(width):
+        store(w.column_settled, columns + b * LANES, nothing)
     return across(total), across(rise)
 
 
@@ -160,45 +179,54 @@ def pair_tiles(t, w, now, d, power, through):
 
 def along_rows(t, w, d, growing):
     """The pairs of this ms's postsynaptic spikes."""
-    rule, post, width = t.matrices[d, BY_RULE], t.matrices[d, ONTO], t.matrices[d, WIDTH]
-    drive, adds_up = w.before[t.matrices[d, LISTENS]], t.rules[rule, ADDS_UP]
-    for n in range(w.first[post], w.first[post + 1]):
-        tile = t.matrices[d, TILE] + (w.spikes[n] - t.groups[post, PLACE]) * width
+    rule, signal, width = t.matrices[d, BY_RULE], t.matrices[d, LISTENS], t.matrices[d, WIDTH]
+    drive, positive, adds_up = w.before[signal], w.positive[signal], t.rules[rule, ADDS_UP]
+    columns, place = t.matrices[d, RISE], t.groups[t.matrices[d, ONTO], PLACE]
+    for n in range(w.first[t.matrices[d, ONTO]], w.first[t.matrices[d, ONTO] + 1]):
+        j = w.spikes[n] - place
+        row = load(w.tiles, 0) * 0.0 + w.row_settled[t.matrices[d, ROW] + j]
         for b in range(width):
-            at = (tile + b) * ALL
-            scaled, rise = load(w.tiles, at + SCALED), load(w.rise, t.matrices[d, RISE] + b * LANES)
-            mine = bits_mask(w.masks[tile + b]) & (rise != 0.0)
+            tile = t.matrices[d, TILE] + j * width + b
+            at, mine = tile * ALL, bits_mask(w.masks[tile])
+            scaled, rise = load(w.tiles, at + SCALED), load(w.rise, columns + b * LANES)
             if adds_up:
-                old, settled = load(w.tiles, at), load(w.tiles, at + SETTLED)
-                weight = settled_weight(t, rule, old, scaled, drive - settled)
-                store(w.tiles, at, select(mine, weight, old))
-                store(w.tiles, at + SETTLED, select(mine, drive, settled))
+                old, settled = load(w.tiles, at), later(row, load(w.column_settled, columns + b * LANES), positive)
+                store(w.tiles, at, select(mine, settled_weight(t, rule, old, scaled, drive - settled), old))
             store(w.tiles, at + SCALED, select(mine, scaled + rise * growing, scaled))
+        if adds_up:
+            w.row_settled[t.matrices[d, ROW] + j] = drive
 
 
 def down_columns(t, w, d, growing, through):
     """The pairs of this ms's presynaptic spikes."""
-    rule, post, width = t.matrices[d, BY_RULE], t.matrices[d, ONTO], t.matrices[d, WIDTH]
-    before, drive = w.before[t.matrices[d, LISTENS]], w.drive[t.matrices[d, LISTENS]]
-    adds_up, place = t.rules[rule, ADDS_UP], t.groups[post, PLACE]
+    rule, signal, width = t.matrices[d, BY_RULE], t.matrices[d, LISTENS], t.matrices[d, WIDTH]
+    before, drive, positive = w.before[signal], w.drive[signal], w.positive[signal]
+    adds_up, place, size = (
+        t.rules[rule, ADDS_UP],
+        t.groups[t.matrices[d, ONTO], PLACE],
+        t.groups[t.matrices[d, ONTO], SIZE],
+    )
     note_lanes(t, w, d)
     for b in range(width):
         if w.lanes[b] == 0:
             continue
-        for j in range(t.groups[post, SIZE]):
+        column = load(w.column_settled, t.matrices[d, RISE] + b * LANES)
+        for j in range(size):
             tile = t.matrices[d, TILE] + j * width + b
-            at = tile * ALL
-            mine = bits_mask(w.masks[tile] & w.lanes[b])
+            at, mine = tile * ALL, bits_mask(w.masks[tile] & w.lanes[b])
             scaled = load(w.tiles, at + SCALED)
             eligible = select(mine, scaled + take(w.fall, place + j) * growing, scaled)
             store(w.tiles, at + SCALED, eligible)
             if adds_up:
-                old, settled = load(w.tiles, at), load(w.tiles, at + SETTLED)
+                old = load(w.tiles, at)
+                settled = later(column, column * 0.0 + w.row_settled[t.matrices[d, ROW] + j], positive)
                 weight = settled_weight(t, rule, old, scaled, before - settled)
                 if through:
                     weight = settled_weight(t, rule, weight, eligible, drive - before)
                 store(w.tiles, at, select(mine, weight, old))
-                store(w.tiles, at + SETTLED, select(mine, drive if through else before, settled))
+        if adds_up:
+            reached = column * 0.0 + (drive if through else before)
+            store(w.column_settled, t.matrices[d, RISE] + b * LANES, select(bits_mask(w.lanes[b]), reached, column))
 
 
 def note_lanes(t, w, d):
@@ -215,24 +243,29 @@ def note_lanes(t, w, d):
 def send_tiles(t, w, now, d, slots, up_to_date):
     """Step 7 of a matrix; with `up_to_date`, its weights need not be settled for it."""
     rule, post, stride = t.matrices[d, BY_RULE], t.matrices[d, ONTO], t.matrices[d, WIDTH] * ALL
-    drive, size = w.drive[t.matrices[d, LISTENS]], t.groups[post, SIZE]
+    signal, row, size = t.matrices[d, LISTENS], t.matrices[d, ROW], t.groups[post, SIZE]
+    drive, positive = w.drive[signal], w.positive[signal]
     for e in range(t.matrices[d, MEMBERS], t.matrices[d, MEMBERS_END]):
         pre = t.members[e, FROM]
         if w.first[pre] == w.first[pre + 1]:
             continue
-        slot = (now + t.projections[t.members[e, MEMBER], DELAY]) % slots
-        there = slot * t.places + t.groups[post, PLACE]
+        arrives = (now + t.projections[t.members[e, MEMBER], DELAY]) % slots
+        there = arrives * t.places + t.groups[post, PLACE]
         for n in range(w.first[pre], w.first[pre + 1]):
-            at = entry(t.matrices[d, TILE], t.members[e, OFFSET] + w.spikes[n] - t.groups[pre, PLACE])
+            slot = t.members[e, OFFSET] + w.spikes[n] - t.groups[pre, PLACE]
+            at = entry(t.matrices[d, TILE], slot)
             if up_to_date:
                 for j in range(size):
                     sent = take(w.tiles, at + j * stride) * t.gain
                     put(w.pending, there + j, take(w.pending, there + j) + sent)
             else:
+                column = w.column_settled[t.matrices[d, RISE] + slot]
                 for j in range(size):
                     old, scaled = take(w.tiles, at + j * stride), take(w.tiles, at + j * stride + SCALED)
-                    weight = settled_weight(t, rule, old, scaled, drive - take(w.tiles, at + j * stride + SETTLED))
+                    one = w.row_settled[row + j]
+                    settled = max(one, column) if positive else min(one, column)
+                    weight = settled_weight(t, rule, old, scaled, drive - settled)
                     if scaled != 0.0:  # else it is not due to be changed, or there is no synapse
                         old = weight
                     put(w.pending, there + j, take(w.pending, there + j) + old * t.gain)
-        feed(t, w, slot, t.groups[post, PLACE], size)
+        feed(t, w, arrives, t.groups[post, PLACE], size)

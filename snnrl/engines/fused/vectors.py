@@ -234,6 +234,29 @@ def put(typingctx, array, at, value):
     return types.void(array, types.int64, array.dtype), codegen
 
 
+@intrinsic
+def gather(typingctx, array, at):
+    """The numbers of a flat array at the places in a vector, none of them counted from the end."""
+    kind = VectorType(array.dtype, at.lanes)
+
+    def codegen(context, builder, sig, args):
+        data = context.make_array(sig.args[0])(context, builder, args[0]).data
+        number = context.get_value_type(array.dtype)
+        pointers = ir.VectorType(data.type, at.lanes)
+        first = spread(context, builder, builder.ptrtoint(data, ir.IntType(64)), types.int64, at)
+        size = spread(context, builder, ir.Constant(ir.IntType(64), array.dtype.bitwidth // 8), types.int64, at)
+        places = builder.inttoptr(builder.add(first, builder.mul(args[1], size)), pointers)
+        whole, truth = ir.VectorType(number, at.lanes), ir.VectorType(ir.IntType(1), at.lanes)
+        called = f"llvm.masked.gather.v{at.lanes}f{array.dtype.bitwidth}.v{at.lanes}p0"
+        types_ = ir.FunctionType(whole, [pointers, INDEX, truth, whole])
+        function = cgutils.get_or_insert_function(builder.module, types_, called)
+        every = ir.Constant(truth, [1] * at.lanes)
+        given = [places, ir.Constant(INDEX, array.dtype.bitwidth // 8), every, ir.Constant(whole, ir.Undefined)]
+        return builder.call(function, given)
+
+    return kind(array, at), codegen
+
+
 @intrinsic(prefer_literal=True)
 def counting(typingctx, start, lanes):
     """start, start + 1, ... as so many 64-bit whole numbers."""

@@ -33,8 +33,8 @@ class Work(NamedTuple):
     """One thread's; reals are of the network's precision, places are those of `Tables`."""
 
     cells: Any  # real [C * places], state and parameters of the trial's neurons
-    last: Any  # int64 [places], last spikes
-    earlier: Any  # int64 [places], last spikes before this ms
+    last: Any  # int64 [places, and a vector's room], last spikes
+    earlier: Any  # int64 [places, and a vector's room], last spikes before this ms
     pending: Any  # real [L * places]
     fed: Any  # bool [L * blocks], whether anything is pending for a block
     still: Any  # bool [blocks], whether a block's neurons stay as they are while nothing reaches them
@@ -45,7 +45,9 @@ class Work(NamedTuple):
     first: Any  # int64 [G + 1], where each group's spikes begin in `spikes`
     rise: Any  # real [places + rises], what a postsynaptic spike now adds, by presynaptic neuron
     fall: Any  # real [places], what a presynaptic spike now adds, by postsynaptic neuron
-    tiles: Any  # real [tiles * 3 * LANES], see `snnrl.engines.fused.tiles`
+    tiles: Any  # real [tiles * 2 * LANES], see `snnrl.engines.fused.tiles`
+    row_settled: Any  # real [tile_rows], the drive at a postsynaptic neuron's last spike
+    column_settled: Any  # real [places + rises], and at a presynaptic one's
     masks: Any  # int64 [tiles], a bit for each pair that has a synapse
     lanes: Any  # int64, a bit for each presynaptic neuron that fires, by tile of a row
     rows: Any  # real, weights of dense projections that do not learn
@@ -55,6 +57,7 @@ class Work(NamedTuple):
     positive: Any  # bool [Sg]
     weights: Any  # float64 [K], sum of each set's weights when they were last settled
     rising: Any  # float64 [K], how fast it can rise at most
+    reach: Any  # float64 [1], the farthest drive up to which no set can have passed its limit
     level: Any  # real [M, but at least 1], of the trial's modulators
     total: Any  # float64 [M]
     rate: Any  # real, of their sources
@@ -71,15 +74,17 @@ def work_for(tables: Tables, columns: int, slots: int, rows: int, real: Any) -> 
         "injected": rows * places,
         "rise": places + tables.rises,
         "fall": places,
-        "tiles": 3 * LANES * tables.tiles,
+        "tiles": 2 * LANES * tables.tiles,
+        "row_settled": tables.tile_rows,
+        "column_settled": places + tables.rises,
         "rows": tables.dense,
     }
     signals, sets = len(tables.signals), len(tables.set_step)
     on_the_way = tables.modulators[:, DELAYED] * (sources - tables.modulators[:, SOURCES])
     return Work(
         **_side_by_side(rooms, real),
-        last=np.zeros(places, np.int64),
-        earlier=np.zeros(places, np.int64),
+        last=np.zeros(places + LANES, np.int64),
+        earlier=np.zeros(places + LANES, np.int64),
         fed=np.zeros(slots * blocks, bool),
         still=np.zeros(blocks, bool),
         drawn=np.zeros(tables.groups[:, SIZE].max(initial=0) + LANES, np.int64),
@@ -93,6 +98,7 @@ def work_for(tables: Tables, columns: int, slots: int, rows: int, real: Any) -> 
         positive=np.zeros(signals, bool),
         weights=np.zeros(sets),
         rising=np.zeros(sets),
+        reach=np.zeros(1),
         level=np.zeros(tables.signals.shape[1], real),
         total=np.zeros(len(sources)),
         rate=np.zeros(sources.max(initial=0), real),
