@@ -178,7 +178,10 @@ class PairConfig:
 
 @dataclass
 class CodingConfig:
-    """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor."""
+    """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor.
+
+    exploration_drawn: whether the exploring motor's neurons get a new current in every ms of a tick, or keep one.
+    """
 
     tick: int = number(least=1, most=10_000)
     range_mean: float = number(above=0.0, most=600.0)
@@ -186,6 +189,8 @@ class CodingConfig:
     touch_mean: float = number(above=0.0, most=600.0)
     touch_gain: float = number(least=0.0)
     exploration: float = number(above=0.0, most=600.0)
+    exploration_gain: float = number(1.0, least=0.0)
+    exploration_drawn: str = number("each_ms", choices=("each_ms", "each_tick"))
     slow: float = number(least=0.0)
     fast: float = number(above=0.0)
     motors: PairConfig = field(default_factory=PairConfig)

@@ -155,6 +155,37 @@ def test_exploration_is_drawn_anew_every_ms_and_for_every_neuron() -> None:
     assert len(driven.unique(dim=1)[0]) == 20
 
 
+def explored(simulation: Simulation) -> tuple[Tensor, str]:
+    """A tick's current of the motor that explores, [tick, n], in the first trial; and which that is."""
+    current = currents(simulation, [[0.0, 0.0]] * simulation.trials)[:, 0]
+    (motor,) = (name for name in ("left_motor", "right_motor") if bool(current[:, span(simulation, name)].any()))
+    return current[:, span(simulation, motor)], motor
+
+
+@pytest.mark.parametrize("gain", [1.45, 0.0])
+def test_the_exploration_gain_is_a_factor_on_its_counts(gain: float) -> None:
+    plain, scaled = food_only(1, "seed=4"), food_only(1, "seed=4", f"coding.exploration_gain={gain}")
+    counts, motor = explored(plain)
+    current = currents(scaled, [[0.0, 0.0]])[:, 0, span(scaled, motor)]
+    assert torch.equal(current, gain * counts)
+    assert float(counts.sum()) > 3000
+
+
+def test_exploration_that_is_held_is_one_count_a_neuron_and_tick() -> None:
+    simulation = food_only(1, "seed=4", "coding.exploration_drawn=each_tick", "coding.exploration_gain=1.5")
+    held = []
+    for tick in range(60):
+        simulation.network.time.fill_(tick * TICK)
+        current, motor = explored(simulation)
+        bits = Draws(4, torch.arange(1)).bits(stream("exploration", motor), torch.tensor([tick * TICK]), 20)[0, 0]
+        expected = 1.5 * poisson(bits, poisson_thresholds(2.35)).double()
+        assert torch.equal(current, expected.expand(TICK, 20))
+        held.append(expected / 1.5)
+    counts = torch.stack(held)
+    assert float(counts.mean()) == pytest.approx(2.35, abs=5 * math.sqrt(2.35 / counts.numel()))
+    assert float(counts.var()) == pytest.approx(2.35, rel=0.2)
+
+
 @pytest.mark.parametrize("tick", [70, 130])
 def test_engines_agree_on_a_tick_with_every_kind_of_current(tick: int) -> None:
     """Food on either side, in touch and out of sight; a tick longer than a block of the fused engine too."""

@@ -41,6 +41,11 @@ ROBOTS = {
         "+robot.weights.food_avoidance=3",
         "network.homeostasis.limit=1.5",
     ],
+    "food-only, strong exploration, held": [
+        "+experiment=food_attraction",
+        "coding.exploration_gain=1.45",
+        "coding.exploration_drawn=each_tick",
+    ],
     "poison": ["+experiment=food_attraction", "+robot.weights.food_attraction=2", "world.kinds.food.poison_from=0"],
 }
 

@@ -34,8 +34,8 @@ class Coding(nn.Module):
     """Encodes what the robot senses, explores, and decodes its wheel speeds.
 
     A range pulse is given at every tick for 1 ms, gain * Poisson(mean * the sensor's value), drawn per neuron; a touch
-    pulse at the tick of contact (thesis 3.5). One motor, drawn for each tick, gets a Poisson current in every ms:
-    exploration (thesis 3.11).
+    pulse at the tick of contact (thesis 3.5). One motor, drawn for each tick, gets a current of gain * Poisson(mean) in
+    every ms: exploration (thesis 3.11). It is drawn per neuron, for every ms or once for all of a tick.
 
     Args:
         network: whose groups it drives and reads.
@@ -60,6 +60,11 @@ class Coding(nn.Module):
         for name, mean in {"touch": config.touch_mean, "exploration": config.exploration}.items():
             thresholds = poisson_thresholds(mean).to(network.device)
             self.register_buffer(f"{name}_thresholds", thresholds, persistent=False)
+
+    @property
+    def held(self) -> bool:
+        """Whether exploration is drawn once for all ms of a tick."""
+        return self.config.exploration_drawn == "each_tick"
 
     def decode(self, network: Network) -> Tensor:
         """Wheel speeds (cm/s), float64 [B, 2] left and right, from the spikes since the last call."""
@@ -90,8 +95,9 @@ class Coding(nn.Module):
             pulse = (poisson(bits, self.touch_thresholds) * touched[name][:, None]).to(dtype)
             current[0, :, network.groups[group].span] += config.touch_gain * pulse
         right = draws.uniform(stream("exploring side"), now, 1)[0] >= 0.5
+        drawn = now if self.held else times
         for group, explores in zip(self.motors, (~right, right), strict=True):
-            bits = draws.bits(stream("exploration", group), times, network.groups[group].size)
+            bits = draws.bits(stream("exploration", group), drawn, network.groups[group].size)
             exploration = poisson(bits, self.exploration_thresholds) * explores
-            current[:, :, network.groups[group].span] += exploration.to(dtype)
+            current[:, :, network.groups[group].span] += config.exploration_gain * exploration.to(dtype)
         return current
