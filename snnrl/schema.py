@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -180,6 +180,7 @@ class PairConfig:
 class CodingConfig:
     """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor.
 
+    gain_acts_on: whether pulses of the sensors are gain * Poisson(mean) ("counts") or Poisson(gain * mean) ("mean").
     exploration_drawn: whether the exploring motor's neurons get a new current in every ms of a tick, or keep one.
     """
 
@@ -188,6 +189,7 @@ class CodingConfig:
     range_gain: float = number(least=0.0)
     touch_mean: float = number(above=0.0, most=600.0)
     touch_gain: float = number(least=0.0)
+    gain_acts_on: str = number("counts", choices=("counts", "mean"))
     exploration: float = number(above=0.0, most=600.0)
     exploration_gain: float = number(1.0, least=0.0)
     exploration_drawn: str = number("each_ms", choices=("each_ms", "each_tick"))
@@ -425,6 +427,11 @@ class BaselinesConfig:
 def no_such_key(key: str, known: Iterable[str]) -> str:
     """What to say of a key that is not among those known."""
     return f"is now {MOVED[key]}" if key in MOVED else f"no such key; allowed here: {', '.join(known)}"
+
+
+def bounds_of(config: Any, name: str) -> Mapping[str, Any]:
+    """The bounds of a dataclass's field."""
+    return next(item.metadata for item in dataclasses.fields(config) if item.name == name)
 
 
 def check_bounds(config: Any, key: str = "") -> None:

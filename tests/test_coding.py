@@ -11,6 +11,7 @@ from scipy import stats
 from torch import Tensor
 
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws, poisson, poisson_of_means, poisson_thresholds, stream
 from snnrl.simulation import Simulation
 
@@ -122,6 +123,31 @@ def test_a_touch_pulse_lasts_1_ms_and_drives_only_the_trial_that_touched() -> No
     assert torch.equal(current[0], 2.25 * counts * torch.tensor([[1.0], [0.0], [1.0]], dtype=torch.float64))
     assert float(current[1:].abs().max()) == 0.0
     assert float(counts.mean()) == pytest.approx(12.0, abs=5 * math.sqrt(12.0 / 60))
+
+
+@pytest.mark.parametrize("gain", [2.0, 0.0])
+def test_a_gain_on_the_mean_makes_poisson_pulses_of_the_larger_mean(gain: float) -> None:
+    """Their variance is then their mean, not the gain times that."""
+    gains = (f"coding.range_gain={gain}", f"coding.touch_gain={gain}")
+    simulation = food_only(200, "seed=9", "coding.gain_acts_on=mean", *gains)
+    current = currents(simulation, [[0.5, 0.0]] * 200, [True] * 200)[0]
+    draws = Draws(9, torch.arange(200))
+    for group, mean in (("left_food", 15.0 * gain), ("food_touch", 12.0 * gain)):
+        kind = "touch" if group == "food_touch" else "range"
+        bits = draws.bits(stream(kind, group), torch.tensor([0]), 20)[0]
+        pulse = current[:, span(simulation, group)]
+        assert torch.equal(pulse, poisson(bits, poisson_thresholds(mean)).double())
+        assert float(pulse.mean()) == pytest.approx(mean, abs=5 * math.sqrt(mean / 4000))
+        assert float(pulse.var()) == pytest.approx(mean, rel=0.12)
+
+
+@pytest.mark.parametrize("kind", ["range", "touch"])
+def test_a_gain_on_the_mean_is_refused_where_no_table_reaches(kind: str) -> None:
+    most = {"range": 20, "touch": 50}[kind]  # times the means of 30 and 12
+    food_only(1, "coding.gain_acts_on=mean", f"coding.{kind}_gain={most}")
+    with pytest.raises(ConfigError, match=rf"coding\.{kind}_gain=51.*must be at most 600"):
+        food_only(1, "coding.gain_acts_on=mean", f"coding.{kind}_gain=51")
+    food_only(1, f"coding.{kind}_gain=51")
 
 
 def test_exploration_drives_exactly_one_side_for_the_whole_tick() -> None:

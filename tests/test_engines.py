@@ -41,8 +41,9 @@ ROBOTS = {
         "+robot.weights.food_avoidance=3",
         "network.homeostasis.limit=1.5",
     ],
-    "food-only, strong exploration, held": [
+    "food-only, strong exploration, held, gains of the mean": [
         "+experiment=food_attraction",
+        "coding.gain_acts_on=mean",
         "coding.exploration_gain=1.45",
         "coding.exploration_drawn=each_tick",
     ],

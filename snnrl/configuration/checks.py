@@ -19,6 +19,7 @@ from snnrl.schema import (
     StimuliConfig,
     SynapseConfig,
     WorldConfig,
+    bounds_of,
     check_bounds,
 )
 
@@ -163,6 +164,7 @@ def check_robot(config: Config) -> None:
     _one_of("coding.motors.right", coding.motors.right, groups)
     if coding.slow > coding.fast:
         raise ConfigError("coding.slow", coding.slow, f"must be at most coding.fast={coding.fast:g}")
+    _check_pulses(coding)
     motors = {coding.motors.left, coding.motors.right}
     for name, sensor in coding.ranges.items():
         _one_of(f"coding.ranges.{name}", name, world.ranges)
@@ -181,6 +183,16 @@ def check_robot(config: Config) -> None:
         if not {f"{taxis}_attraction", f"{taxis}_avoidance"} <= roles:
             allowed = "needs projections with the roles NAME_attraction and NAME_avoidance"
             raise ConfigError("experiment.correct", taxis, allowed)
+
+
+def _check_pulses(coding: CodingConfig) -> None:
+    """A gain of the mean must leave a mean whose distribution has a table."""
+    largest = bounds_of(CodingConfig, "range_mean")["most"]
+    for name in ("range", "touch") if coding.gain_acts_on == "mean" else ():
+        mean, gain = getattr(coding, f"{name}_mean"), getattr(coding, f"{name}_gain")
+        if gain * mean > largest:
+            allowed = f"times coding.{name}_mean={mean:g} must be at most {largest:g}"
+            raise ConfigError(f"coding.{name}_gain", gain, allowed)
 
 
 def _check_world(world: WorldConfig, coding: CodingConfig) -> None:

@@ -81,7 +81,7 @@ class FusedEngine:
             return
         _check_compiled(*situation.modules())
         world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
-        size, kinds = poisson_table_size(situation.coding.config.range_mean), len(situation.world.kinds.names)
+        size, kinds = poisson_table_size(situation.coding.range_mean), len(situation.world.kinds.names)
         bound, state = self.bind(network)
         kernel = kernels(bound.functions, _real(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
