@@ -143,13 +143,26 @@ class ModulatorConfig:
 
 
 @dataclass
+class SetConfig:
+    """What is different in one homeostatic set; the rest is that of all."""
+
+    limit: float | None = number(None, least=0.0)
+    step: float | None = number(None, least=0.0)
+    count_absent: bool | None = None
+
+
+@dataclass
 class HomeostasisConfig:
-    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles."""
+    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles.
+
+    Limit, step and count_absent are those of all sets, but where `per_set` gives a set its own.
+    """
 
     sets: dict[str, list[str]] = table()
     limit: float = number(least=0.0)
     step: float = number(least=0.0)
     count_absent: bool = True
+    per_set: dict[str, SetConfig] = table()
 
 
 @dataclass

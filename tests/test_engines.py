@@ -40,6 +40,7 @@ ROBOTS = {
         "+robot.weights.food_attraction=3",
         "+robot.weights.food_avoidance=3",
         "network.homeostasis.limit=1.5",
+        "+network.homeostasis.per_set.container_taxis={count_absent: true, limit: 1.2}",
     ],
     "food-only, strong exploration, held, gains of the mean": [
         "+experiment=food_attraction",

@@ -70,7 +70,7 @@ def test_what_is_there_is_changed_by_a_table_too() -> None:
         ("world.ranges={food: 3}", "world.ranges.food=3: must hold reach, measured_to"),
         ("robot.weights=[1]", "robot.weights=[1]: must be a table {NAME: ...}, each of which must be a number"),
         ("robot.fixed=3", "robot.fixed=3: must be a list [...]"),
-        ("network.homeostasis=3", "network.homeostasis=3: must hold sets, limit, step, count_absent, or null"),
+        ("network.homeostasis=3", "network.homeostasis=3: must hold sets, limit, step, count_absent, per_set, or null"),
         ("seed=1.5", "seed=1.5: must be a whole number"),
         ("seconds=long", "seconds=long: must be a number"),
         ("network.synapses.taxis.plastic=maybe", "network.synapses.taxis.plastic=maybe: must be true or false"),

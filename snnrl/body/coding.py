@@ -34,8 +34,9 @@ class Coding(nn.Module):
     """Encodes what the robot senses, explores, and decodes its wheel speeds.
 
     A range pulse is given at every tick for 1 ms, gain * Poisson(mean * the sensor's value), drawn per neuron; a touch
-    pulse at the tick of contact (thesis 3.5). The gain may be one of the mean instead of the counts. One motor, drawn for each tick, gets a current of gain * Poisson(mean) in
-    every ms: exploration (thesis 3.11). It is drawn per neuron, for every ms or once for all of a tick.
+    pulse at the tick of contact (thesis 3.5). The gain may be one of the mean instead of the counts. One motor, drawn
+    for each tick, gets a current of gain * Poisson(mean) in every ms: exploration (thesis 3.11). It is drawn per
+    neuron, for every ms or once for all of a tick.
 
     Args:
         network: whose groups it drives and reads.

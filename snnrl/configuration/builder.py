@@ -142,7 +142,7 @@ def _homeostasis(config: HomeostasisConfig, projections: list[Projection]) -> di
         name: tuple(p.name for p in projections if p.plastic and p.role in roles) for name, roles in config.sets.items()
     }
     return {
-        name: Homeostasis(names, config.limit, config.step, config.count_absent)
+        name: Homeostasis(names, **vars(parts.homeostatic_set(config, name)))
         for name, names in members.items()
         if names
     }

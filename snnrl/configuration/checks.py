@@ -134,7 +134,11 @@ def _check_modulators(config: NetworkConfig) -> None:
 def _check_sets(config: NetworkConfig, roles: list[str]) -> None:
     """A role belongs to at most one homeostatic set."""
     used: dict[str, str] = {}
-    for name, members in ({} if config.homeostasis is None else config.homeostasis.sets).items():
+    if config.homeostasis is None:
+        return
+    for name in config.homeostasis.per_set:
+        _one_of("network.homeostasis.per_set", name, config.homeostasis.sets)
+    for name, members in config.homeostasis.sets.items():
         for role in members:
             key = f"network.homeostasis.sets.{name}"
             _one_of(key, role, roles)
