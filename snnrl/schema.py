@@ -104,7 +104,11 @@ class ProjectionConfig:
 
 @dataclass
 class PlasticityConfig:
-    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME."""
+    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME.
+
+    potentiation_from: whether a pair potentiates by the ms since the presynaptic spike's departure or its arrival,
+    which is its synapse's delay later.
+    """
 
     potentiation: float = number(least=0.0)
     depression: float = number(least=0.0)
@@ -113,6 +117,7 @@ class PlasticityConfig:
     tau_eligibility: float = number(above=0.0)
     weight_max: float = MISSING
     simultaneous: str = number("potentiates", choices=("potentiates", "depresses"))
+    potentiation_from: str = number("departure", choices=("departure", "arrival"))
     weight_min: float = 0.0
     at_post: Any = "potentiate"
     at_pre: Any = "depress"

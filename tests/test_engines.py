@@ -40,7 +40,15 @@ ROBOTS = {
         "+robot.weights.food_attraction=3",
         "+robot.weights.food_avoidance=3",
         "network.homeostasis.limit=1.5",
+    ],
+    "food-container, other readings": [
+        "+experiment=dual_learning",
+        "+robot.weights.container_attraction=3",
+        "network.homeostasis.limit=1.5",
         "+network.homeostasis.per_set.container_taxis={count_absent: true, limit: 1.2}",
+        "network.plasticity.simultaneous=depresses",
+        "network.plasticity.potentiation_from=arrival",
+        "network.synapses.anticipation.delay=3",
     ],
     "food-only, strong exploration, held, gains of the mean": [
         "+experiment=food_attraction",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -105,8 +106,9 @@ def _plasticity(key: str, config: PlasticityConfig) -> Plasticity:
         name: function(f"{key}.{name}", getattr(config, name), {own.__name__: own for own in owns})
         for name, owns in (("at_post", (potentiate,)), ("at_pre", (depress,)), ("weight_rule", (hard_bounds,)))
     }
+    given = {name: value for name, value in vars(config).items() if name != "potentiation_from"}
     try:
-        return Plasticity(**{**vars(config), "values": dict(config.values), **functions})
+        return Plasticity(**{**given, "values": dict(config.values), **functions})
     except ValueError as error:
         raise ConfigError(key, "...", str(error)) from error
 
@@ -175,6 +177,9 @@ def _projection(
     else:
         assert kind.probability is not None
         connected = drawn < kind.probability
+    rule = rules[kind.rule]
+    if parts.rules(network)[kind.rule].potentiation_from == "arrival":
+        rule = replace(rule, travel=kind.delay)
     weight = kind.weight + kind.spread * draws.at_start(stream("weights", name), pairs)
     if config.role in robot.weights:
         weight = torch.full_like(weight, robot.weights[config.role])
@@ -184,7 +189,7 @@ def _projection(
         config.post,
         connected,
         weight.view(shape).to(dtype),
-        rules[kind.rule] if kind.plastic and robot.learning and config.role not in robot.fixed else None,
+        rule if kind.plastic and robot.learning and config.role not in robot.fixed else None,
         kind.delay,
         config.role,
         dict(kind.listens) or None,

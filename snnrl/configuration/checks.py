@@ -7,7 +7,15 @@ from collections.abc import Iterable
 import torch
 from torch import nn
 
-from snnrl.configuration.parts import modulator_key, modulators, neuron_model, neuron_parameters, rules, weight_bounds
+from snnrl.configuration.parts import (
+    modulator_key,
+    modulators,
+    neuron_model,
+    neuron_parameters,
+    rule_key,
+    rules,
+    weight_bounds,
+)
 from snnrl.errors import ConfigError
 from snnrl.model.synapses import DOPAMINE
 from snnrl.schema import (
@@ -101,6 +109,10 @@ def _check_projections(config: NetworkConfig) -> None:
         _one_of(f"{key}.pre", projection.pre, config.groups)
         _one_of(f"{key}.post", projection.post, config.groups)
         _one_of(f"{key}.synapse", projection.synapse, config.synapses)
+    for name, rule in rules(config).items():
+        if rule.potentiation_from == "arrival" and rule.simultaneous != "depresses":
+            allowed = "must be depresses with potentiation_from=arrival, before which nothing potentiates"
+            raise ConfigError(f"{rule_key(name)}.simultaneous", rule.simultaneous, allowed)
     for name, kind in config.synapses.items():
         _check_synapses(f"network.synapses.{name}", kind, config)
     for name, projection in config.projections.items():
