@@ -84,12 +84,19 @@ class SynapseConfig:
 
 @dataclass
 class GroupConfig:
-    """A population; `current` and `noise` (half width, uniform) are its background."""
+    """A population and its background: a constant current, and what is drawn for each neuron and ms and added to it.
+
+    noise: half width of a uniform current. gaussian: standard deviation of a Gaussian one.
+    kick, kick_rate: a current that comes in single ms, and how often (Hz).
+    """
 
     size: int = number(least=1, most=1_000_000)
     neuron: str = MISSING
     current: float = 0.0
     noise: float = number(0.0, least=0.0)
+    gaussian: float = number(0.0, least=0.0)
+    kick: float = 0.0
+    kick_rate: float = number(0.0, least=0.0, most=1000.0)
 
 
 @dataclass

@@ -56,11 +56,12 @@ def make_group(
     current: float = 0.0,
     noise: float = 0.0,
     dtype: torch.dtype = torch.float64,
+    **background: float,
 ) -> NeuronGroup:
     values = {
         key: torch.full((trials, size), value, dtype=dtype) for key, value in zip("abcd", parameters, strict=True)
     }
-    return NeuronGroup(name, IZHIKEVICH, values, -65.0, current, noise)
+    return NeuronGroup(name, IZHIKEVICH, values, -65.0, current, noise, **background)
 
 
 def make_projection(

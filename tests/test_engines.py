@@ -43,6 +43,10 @@ ROBOTS = {
     ],
     "food-container, other readings": [
         "+experiment=dual_learning",
+        "network.groups.dopaminergic.noise=0.19",
+        "network.groups.dopaminergic.gaussian=0.1",
+        "network.groups.dopaminergic.kick=25",
+        "network.groups.dopaminergic.kick_rate=0.35",
         "+robot.weights.container_attraction=3",
         "network.homeostasis.limit=1.5",
         "+network.homeostasis.per_set.container_taxis={count_absent: true, limit: 1.2}",

@@ -66,7 +66,10 @@ def test_what_is_there_is_changed_by_a_table_too() -> None:
         ("+network.projections.x=null", "network.projections.x=None: must hold pre, post, synapse, role"),
         ("+network.projections.x.y.z=3", "network.projections.x.y={'z': 3}: no such key; allowed here: pre, post"),
         ("+network.projections={1: {pre: a}}", "network.projections=1: cannot be a name; in quotes it can"),
-        ("network.groups.left_food=3", "network.groups.left_food=3: must hold size, neuron, current, noise"),
+        (
+            "network.groups.left_food=3",
+            "network.groups.left_food=3: must hold size, neuron, current, noise, gaussian, kick, kick_rate",
+        ),
         ("world.ranges={food: 3}", "world.ranges.food=3: must hold reach, measured_to"),
         ("robot.weights=[1]", "robot.weights=[1]: must be a table {NAME: ...}, each of which must be a number"),
         ("robot.fixed=3", "robot.fixed=3: must be a list [...]"),

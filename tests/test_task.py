@@ -5,10 +5,10 @@ from __future__ import annotations
 import copy
 import json
 import math
-from dataclasses import replace
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 

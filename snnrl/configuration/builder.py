@@ -156,7 +156,8 @@ def _group(name: str, config: GroupConfig, neuron: NeuronConfig, draws: Draws, d
         key: (value + spread * squared).to(dtype) for key, (value, spread) in parts.neuron_parameters(neuron).items()
     }
     model = parts.neuron_model(f"network.neurons.{config.neuron}", neuron)
-    return NeuronGroup(name, model, parameters, neuron.v, config.current, config.noise)
+    background = config.current, config.noise, config.gaussian, config.kick, config.kick_rate
+    return NeuronGroup(name, model, parameters, neuron.v, *background)
 
 
 def _projection(

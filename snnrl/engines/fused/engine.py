@@ -206,7 +206,7 @@ def _describe(network: Network) -> tuple[Any, ...]:
         (network.draws.seed, id(network.draws.trials)),
         [(name, item) for name, item in network.homeostasis.items()],
         [(p.rule, p.listens) for p in network.projections.values()],
-        [(g.model, g.current, g.noise) for g in network.groups.values()],
+        [(g.model, g.current, g.noise, g.gaussian, g.kick, g.kick_rate) for g in network.groups.values()],
         [
             (m.sources, m.released, m.values, m.baseline, m.tau, m.delay, m.smoothing, m.signed, m.reward)
             for m in network.modulators.values()
