@@ -239,10 +239,12 @@ class KindConfig:
     """A kind of object: discs of a radius (cm), `count` of them, each of which may hold one thing more of another kind.
 
     touched: what happens when the robot touches one: it is taken, and reappears elsewhere, or it is entered.
-    holds: the kind of the thing that each of them holds. hides: whether what it holds is sensed and touched from
-    inside of it only, and nothing else from there.
+    holds: the kind of the thing that each of them holds. contains: whether the centre of that lies within, or all of
+    it. hides: whether what it holds is sensed and touched from inside of it only, and nothing else from there.
     speed: factor on the robot's speed inside. opens: kinds that can only be entered after one of these was touched,
     until what they hold is taken.
+    avoids: where none of them lies at the start or lands when moved, as far as the world's `attempts` reach: on the
+    robot, or (containers) where it would overlap something that is entered.
     sign: 1, or -1 where what touching releases lowers a modulator (poison); poison_from: time (s) at which it turns.
     """
 
@@ -250,21 +252,29 @@ class KindConfig:
     radius: float = number(above=0.0)
     touched: str = number("taken", choices=("taken", "entered"))
     holds: str = ""
+    contains: str = number("centre", choices=("centre", "whole"))
     hides: bool = True
     speed: float = number(1.0, above=0.0)
     opens: list[str] = field(default_factory=list)
+    avoids: list[str] = field(default_factory=list)
     sign: int = number(1, least=-1, most=1)
     poison_from: float | None = number(None, least=0.0, most=1e9)
 
 
 @dataclass
 class WorldConfig:
-    """See `snnrl.body.world.World`; lengths in cm."""
+    """See `snnrl.body.world.World`; lengths in cm.
+
+    overlap: where things that are entered overlap, the robot stays in the one it is in, or is in that with the nearest
+    centre. attempts: how many places are drawn, at most, for what avoids something; it lands on the last.
+    """
 
     side: float = number(above=0.0)
     axle: float = number(above=0.0)
     kinds: dict[str, KindConfig] = table()
     ranges: dict[str, SensorConfig] = table()
+    overlap: str = number("stays", choices=("stays", "nearest"))
+    attempts: int = number(20, least=1, most=1000)
     orbiting: bool = False  # robots start on an orbit round the first object
 
     @property

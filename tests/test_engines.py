@@ -53,6 +53,9 @@ ROBOTS = {
         "network.plasticity.simultaneous=depresses",
         "network.plasticity.potentiation_from=arrival",
         "network.synapses.anticipation.delay=3",
+        "world.kinds.food_container.avoids=[robot,containers]",
+        "world.kinds.food_container.contains=whole",
+        "world.overlap=nearest",
     ],
     "food-only, strong exploration, held, gains of the mean": [
         "+experiment=food_attraction",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import oracle
 import pytest
@@ -104,7 +105,7 @@ def test_noise_is_uniform_round_the_background_and_new_every_ms(engine: str) -> 
     assert not raster[:, 0, :3].any()
 
 
-MIXTURES: dict[str, dict[str, float]] = {  # of a background current of 5
+MIXTURES: dict[str, dict[str, Any]] = {  # of a background current of 5
     "gaussian": {"gaussian": 2.5},
     "kicks": {"kick": 30.0, "kick_rate": 25.0},
     "uniform and gaussian": {"noise": 2.0, "gaussian": 1.5},

@@ -222,6 +222,13 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
             raise ConfigError(f"world.kinds.{name}.holds", kind.holds, "needs touched=entered")
         if kind.holds and world.kinds[kind.holds].touched != "taken":
             raise ConfigError(f"world.kinds.{name}.holds", kind.holds, "must be a kind with touched=taken")
+        if kind.contains == "whole" and not kind.holds:
+            raise ConfigError(f"world.kinds.{name}.contains", kind.contains, "needs holds")
+        if kind.contains == "whole" and kind.radius <= world.kinds[kind.holds].radius:
+            allowed = f"must be greater than {world.kinds[kind.holds].radius:g}, the radius of {kind.holds} in it"
+            raise ConfigError(f"world.kinds.{name}.radius", kind.radius, allowed)
+        for avoided in kind.avoids:
+            _one_of(f"world.kinds.{name}.avoids", avoided, ("robot", "containers"))
         if kind.sign == 0:
             raise ConfigError(f"world.kinds.{name}.sign", 0, "must be 1 or -1")
         if kind.poison_from is not None and kind.touched != "taken":

@@ -88,6 +88,7 @@ def of_run(config: Config) -> dict[str, float]:
     if config.engine == "reference" or config.task is not None:
         parts["task.tick" if config.task is not None else "coding.tick"] = float(trials) * tick * drawn * CURRENT
     if config.world is not None:
+        tried = config.world.attempts if any(kind.avoids for kind in config.world.kinds.values()) else 1
         for name, kind in config.world.kinds.items():
-            parts[f"world.kinds.{name}.count"] = float(trials) * kind.count * OBJECT * (2 if kind.holds else 1)
+            parts[f"world.kinds.{name}.count"] = float(trials) * kind.count * OBJECT * (tried + bool(kind.holds))
     return parts
