@@ -126,9 +126,16 @@ class World(nn.Module):
         uniform = tried[:, 0].clone()
         for m in kinds.order:
             place = side * tried[:, :, m, :2]
-            overlaps = within(*offset(place[:, :, None], places[:, None], side).unbind(-1), radius[m] + radius)
-            overlaps = overlaps & standing & (torch.arange(kinds.free, device=kind.device) != m)
-            on_robot = within(*offset(place, self.position[:, None], side).unbind(-1), radius[m])
+            way, to_robot = (
+                offset(place[:, :, None], places[:, None], side),
+                offset(place, self.position[:, None], side),
+            )
+            overlaps = (
+                within(way[..., 0], way[..., 1], radius[m] + radius)
+                & standing
+                & (torch.arange(kinds.free, device=kind.device) != m)
+            )
+            on_robot = within(to_robot[..., 0], to_robot[..., 1], radius[m])
             blocked = overlaps.any(2) & kinds.apart[kind[m]] | on_robot & kinds.off_robot[kind[m]]
             which = torch.where(blocked.all(1), self.attempts - 1, (~blocked).long().argmax(1))
             uniform[:, m] = tried[:, :, m].gather(1, which[:, None, None].expand(-1, 1, 4))[:, 0]
