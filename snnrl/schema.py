@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -84,12 +84,19 @@ class SynapseConfig:
 
 @dataclass
 class GroupConfig:
-    """A population; `current` and `noise` (half width, uniform) are its background."""
+    """A population and its background: a constant current, and what is drawn for each neuron and ms and added to it.
+
+    noise: half width of a uniform current. gaussian: standard deviation of a Gaussian one.
+    kick, kick_rate: a current that comes in single ms, and how often (Hz).
+    """
 
     size: int = number(least=1, most=1_000_000)
     neuron: str = MISSING
     current: float = 0.0
     noise: float = number(0.0, least=0.0)
+    gaussian: float = number(0.0, least=0.0)
+    kick: float = 0.0
+    kick_rate: float = number(0.0, least=0.0, most=1000.0)
 
 
 @dataclass
@@ -104,7 +111,11 @@ class ProjectionConfig:
 
 @dataclass
 class PlasticityConfig:
-    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME."""
+    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME.
+
+    potentiation_from: whether a pair potentiates by the ms since the presynaptic spike's departure or its arrival,
+    which is its synapse's delay later.
+    """
 
     potentiation: float = number(least=0.0)
     depression: float = number(least=0.0)
@@ -113,6 +124,7 @@ class PlasticityConfig:
     tau_eligibility: float = number(above=0.0)
     weight_max: float = MISSING
     simultaneous: str = number("potentiates", choices=("potentiates", "depresses"))
+    potentiation_from: str = number("departure", choices=("departure", "arrival"))
     weight_min: float = 0.0
     at_post: Any = "potentiate"
     at_pre: Any = "depress"
@@ -143,13 +155,26 @@ class ModulatorConfig:
 
 
 @dataclass
+class SetConfig:
+    """What is different in one homeostatic set; the rest is that of all."""
+
+    limit: float | None = number(None, least=0.0)
+    step: float | None = number(None, least=0.0)
+    count_absent: bool | None = None
+
+
+@dataclass
 class HomeostasisConfig:
-    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles."""
+    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles.
+
+    Limit, step and count_absent are those of all sets, but where `per_set` gives a set its own.
+    """
 
     sets: dict[str, list[str]] = table()
     limit: float = number(least=0.0)
     step: float = number(least=0.0)
     count_absent: bool = True
+    per_set: dict[str, SetConfig] = table()
 
 
 @dataclass
@@ -178,14 +203,21 @@ class PairConfig:
 
 @dataclass
 class CodingConfig:
-    """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor."""
+    """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor.
+
+    gain_acts_on: whether pulses of the sensors are gain * Poisson(mean) ("counts") or Poisson(gain * mean) ("mean").
+    exploration_drawn: whether the exploring motor's neurons get a new current in every ms of a tick, or keep one.
+    """
 
     tick: int = number(least=1, most=10_000)
     range_mean: float = number(above=0.0, most=600.0)
     range_gain: float = number(least=0.0)
     touch_mean: float = number(above=0.0, most=600.0)
     touch_gain: float = number(least=0.0)
+    gain_acts_on: str = number("counts", choices=("counts", "mean"))
     exploration: float = number(above=0.0, most=600.0)
+    exploration_gain: float = number(1.0, least=0.0)
+    exploration_drawn: str = number("each_ms", choices=("each_ms", "each_tick"))
     slow: float = number(least=0.0)
     fast: float = number(above=0.0)
     motors: PairConfig = field(default_factory=PairConfig)
@@ -207,10 +239,12 @@ class KindConfig:
     """A kind of object: discs of a radius (cm), `count` of them, each of which may hold one thing more of another kind.
 
     touched: what happens when the robot touches one: it is taken, and reappears elsewhere, or it is entered.
-    holds: the kind of the thing that each of them holds. hides: whether what it holds is sensed and touched from
-    inside of it only, and nothing else from there.
+    holds: the kind of the thing that each of them holds. contains: whether the centre of that lies within, or all of
+    it. hides: whether what it holds is sensed and touched from inside of it only, and nothing else from there.
     speed: factor on the robot's speed inside. opens: kinds that can only be entered after one of these was touched,
     until what they hold is taken.
+    avoids: where none of them lies at the start or lands when moved, as far as the world's `attempts` reach: on the
+    robot, or (containers) where it would overlap something that is entered.
     sign: 1, or -1 where what touching releases lowers a modulator (poison); poison_from: time (s) at which it turns.
     """
 
@@ -218,21 +252,29 @@ class KindConfig:
     radius: float = number(above=0.0)
     touched: str = number("taken", choices=("taken", "entered"))
     holds: str = ""
+    contains: str = number("centre", choices=("centre", "whole"))
     hides: bool = True
     speed: float = number(1.0, above=0.0)
     opens: list[str] = field(default_factory=list)
+    avoids: list[str] = field(default_factory=list)
     sign: int = number(1, least=-1, most=1)
     poison_from: float | None = number(None, least=0.0, most=1e9)
 
 
 @dataclass
 class WorldConfig:
-    """See `snnrl.body.world.World`; lengths in cm."""
+    """See `snnrl.body.world.World`; lengths in cm.
+
+    overlap: where things that are entered overlap, the robot stays in the one it is in, or is in that with the nearest
+    centre. attempts: how many places are drawn, at most, for what avoids something; it lands on the last.
+    """
 
     side: float = number(above=0.0)
     axle: float = number(above=0.0)
     kinds: dict[str, KindConfig] = table()
     ranges: dict[str, SensorConfig] = table()
+    overlap: str = number("stays", choices=("stays", "nearest"))
+    attempts: int = number(20, least=1, most=1000)
     orbiting: bool = False  # robots start on an orbit round the first object
 
     @property
@@ -420,6 +462,11 @@ class BaselinesConfig:
 def no_such_key(key: str, known: Iterable[str]) -> str:
     """What to say of a key that is not among those known."""
     return f"is now {MOVED[key]}" if key in MOVED else f"no such key; allowed here: {', '.join(known)}"
+
+
+def bounds_of(config: Any, name: str) -> Mapping[str, Any]:
+    """The bounds of a dataclass's field."""
+    return next(item.metadata for item in dataclasses.fields(config) if item.name == name)
 
 
 def check_bounds(config: Any, key: str = "") -> None:

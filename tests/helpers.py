@@ -56,11 +56,12 @@ def make_group(
     current: float = 0.0,
     noise: float = 0.0,
     dtype: torch.dtype = torch.float64,
+    **background: float,
 ) -> NeuronGroup:
     values = {
         key: torch.full((trials, size), value, dtype=dtype) for key, value in zip("abcd", parameters, strict=True)
     }
-    return NeuronGroup(name, IZHIKEVICH, values, -65.0, current, noise)
+    return NeuronGroup(name, IZHIKEVICH, values, -65.0, current, noise, **background)
 
 
 def make_projection(
@@ -158,13 +159,22 @@ def make_world(
     side: float = 300.0,
     to_border: bool = True,
     poison_from: float | None = None,
+    overlap: str = "stays",
+    attempts: int = 1,
+    avoids: Sequence[str] = (),
+    contains: str = "centre",
     **more: KindConfig,
 ) -> World:
-    """A world with the thesis's sizes, a tick of 70 ms and both range sensors, and kinds of objects besides."""
+    """A world with the thesis's sizes, a tick of 70 ms and both range sensors, and kinds of objects besides.
+
+    `avoids` and `contains` are the food containers'.
+    """
     measured = "border" if to_border else "centre"
     kinds = {
         "food": KindConfig(free_items, 2.4, poison_from=poison_from),
-        "food_container": KindConfig(food_containers, 14.0, "entered", "food", speed=0.5),
+        "food_container": KindConfig(
+            food_containers, 14.0, "entered", "food", speed=0.5, avoids=list(avoids), contains=contains
+        ),
         "empty_container": KindConfig(empty_containers, 14.0, "entered", speed=0.5),
         **more,
     }
@@ -172,7 +182,8 @@ def make_world(
         "food": SensorConfig(30.0, measured),
         "container": SensorConfig(60.0, measured, ["food_container", "empty_container"]),
     }
-    return World(Draws(0, torch.arange(trials)), WorldConfig(side, 1.0, kinds, ranges), 70)
+    config = WorldConfig(side, 1.0, kinds, ranges, overlap, attempts)
+    return World(Draws(0, torch.arange(trials)), config, 70)
 
 
 def items(world: World) -> Tensor:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 
 def izhikevich(
@@ -38,28 +39,32 @@ class Synapse:
     tau_minus: float = 110.0
     tau_eligibility: float = 476.0
     weight_max: float = 4.0
+    depresses: bool = False  # what two spikes of one ms do
+    travel: int = 0  # ms until a presynaptic spike arrives, from where on it potentiates
     eligibility: float = 0.0
     last_pre: int | None = None
     last_post: int | None = None
 
     def step(self, t: int, pre: bool, post: bool, dopamine: float) -> None:
         self.eligibility *= math.exp(-1 / self.tau_eligibility)
+        earlier = self.last_pre
         if pre:
             self.last_pre = t
         if post:
-            if self.last_pre is not None:
-                self.eligibility += self.potentiation * math.exp((self.last_pre - t) / self.tau_plus)
+            partner = earlier if self.depresses else self.last_pre
+            if partner is not None and partner + self.travel <= t:
+                self.eligibility += self.potentiation * math.exp((partner + self.travel - t) / self.tau_plus)
             self.last_post = t
-        elif pre and self.last_post is not None:
+        if pre and (self.depresses or not post) and self.last_post is not None:
             self.eligibility -= self.depression * math.exp((self.last_post - t) / self.tau_minus)
         self.weight = min(max(self.weight + self.eligibility * dopamine, 0.0), self.weight_max)
 
 
 def synapse(
-    pre: Sequence[int], post: Sequence[int], dopamine: Sequence[float], weight: float
+    pre: Sequence[int], post: Sequence[int], dopamine: Sequence[float], weight: float, **rule: Any
 ) -> tuple[list[float], list[float]]:
     """Eligibility and weight after every ms, from both neurons' spike times and the dopamine of every ms."""
-    one, eligibilities, weights = Synapse(weight), [], []
+    one, eligibilities, weights = Synapse(weight, **rule), [], []
     for t, level in enumerate(dopamine):
         one.step(t, t in pre, t in post, level)
         eligibilities.append(one.eligibility)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 import torch
 from helpers import compose_config
 
 from snnrl.configuration.builder import build
+from snnrl.running.job import perform
 from snnrl.simulation import Simulation
 
 TRIALS = 200
@@ -81,3 +85,23 @@ def test_robots_differ_as_described() -> None:
             assert network.projections[name].plastic is plastic
             assert network.projections[name].weight.unique().tolist() == [weight]
         assert network.projections["left_food_to_right_motor"].weight.unique().tolist() == [4.0]
+
+
+@pytest.mark.parametrize("robot", ["container_dopamine_learning", "no_container_dopamine", "fixed_container_dopamine"])
+def test_a_food_taxis_that_is_given_keeps_its_weights_and_the_rest_learns_alike(robot: str, tmp_path: Path) -> None:
+    """The same synapses as where it learns; only which of them are plastic differs."""
+    options = ("+experiment=secondary_behaviour", f"robot={robot}", "trials=2", "seconds=20")
+    usual = build(compose_config(*options)).network
+    config = compose_config(*options, "network=food_taxis_given")
+    given = build(config).network
+    for name, projection in usual.projections.items():
+        other = given.projections[name]
+        assert torch.equal(other.matrix().to_dense(), projection.matrix().to_dense())
+        assert other.plastic is (projection.plastic and not projection.role.startswith(("food_attr", "food_avoid")))
+    assert "food_taxis" not in given.homeostasis
+    assert given.homeostasis["container_taxis"] == usual.homeostasis["container_taxis"]
+    perform(config, tmp_path)
+    with np.load(tmp_path / "series.npz") as series:
+        names = list(series["projections"])
+        fixed = series["weight"][..., names.index("left_food_to_right_motor")]
+    assert (fixed == fixed[0]).all()

@@ -11,6 +11,7 @@ from scipy import stats
 from torch import Tensor
 
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws, poisson, poisson_of_means, poisson_thresholds, stream
 from snnrl.simulation import Simulation
 
@@ -124,6 +125,31 @@ def test_a_touch_pulse_lasts_1_ms_and_drives_only_the_trial_that_touched() -> No
     assert float(counts.mean()) == pytest.approx(12.0, abs=5 * math.sqrt(12.0 / 60))
 
 
+@pytest.mark.parametrize("gain", [2.0, 0.0])
+def test_a_gain_on_the_mean_makes_poisson_pulses_of_the_larger_mean(gain: float) -> None:
+    """Their variance is then their mean, not the gain times that."""
+    gains = (f"coding.range_gain={gain}", f"coding.touch_gain={gain}")
+    simulation = food_only(200, "seed=9", "coding.gain_acts_on=mean", *gains)
+    current = currents(simulation, [[0.5, 0.0]] * 200, [True] * 200)[0]
+    draws = Draws(9, torch.arange(200))
+    for group, mean in (("left_food", 15.0 * gain), ("food_touch", 12.0 * gain)):
+        kind = "touch" if group == "food_touch" else "range"
+        bits = draws.bits(stream(kind, group), torch.tensor([0]), 20)[0]
+        pulse = current[:, span(simulation, group)]
+        assert torch.equal(pulse, poisson(bits, poisson_thresholds(mean)).double())
+        assert float(pulse.mean()) == pytest.approx(mean, abs=5 * math.sqrt(mean / 4000))
+        assert float(pulse.var()) == pytest.approx(mean, rel=0.12)
+
+
+@pytest.mark.parametrize("kind", ["range", "touch"])
+def test_a_gain_on_the_mean_is_refused_where_no_table_reaches(kind: str) -> None:
+    most = {"range": 20, "touch": 50}[kind]  # times the means of 30 and 12
+    food_only(1, "coding.gain_acts_on=mean", f"coding.{kind}_gain={most}")
+    with pytest.raises(ConfigError, match=rf"coding\.{kind}_gain=51.*must be at most 600"):
+        food_only(1, "coding.gain_acts_on=mean", f"coding.{kind}_gain=51")
+    food_only(1, f"coding.{kind}_gain=51")
+
+
 def test_exploration_drives_exactly_one_side_for_the_whole_tick() -> None:
     simulation = food_only(50)
     chosen = []
@@ -153,6 +179,37 @@ def test_exploration_is_drawn_anew_every_ms_and_for_every_neuron() -> None:
     driven = motors[0] if bool(motors[0].any()) else motors[1]
     assert len(driven.unique(dim=0)) == TICK
     assert len(driven.unique(dim=1)[0]) == 20
+
+
+def explored(simulation: Simulation) -> tuple[Tensor, str]:
+    """A tick's current of the motor that explores, [tick, n], in the first trial; and which that is."""
+    current = currents(simulation, [[0.0, 0.0]] * simulation.trials)[:, 0]
+    (motor,) = (name for name in ("left_motor", "right_motor") if bool(current[:, span(simulation, name)].any()))
+    return current[:, span(simulation, motor)], motor
+
+
+@pytest.mark.parametrize("gain", [1.45, 0.0])
+def test_the_exploration_gain_is_a_factor_on_its_counts(gain: float) -> None:
+    plain, scaled = food_only(1, "seed=4"), food_only(1, "seed=4", f"coding.exploration_gain={gain}")
+    counts, motor = explored(plain)
+    current = currents(scaled, [[0.0, 0.0]])[:, 0, span(scaled, motor)]
+    assert torch.equal(current, gain * counts)
+    assert float(counts.sum()) > 3000
+
+
+def test_exploration_that_is_held_is_one_count_a_neuron_and_tick() -> None:
+    simulation = food_only(1, "seed=4", "coding.exploration_drawn=each_tick", "coding.exploration_gain=1.5")
+    held = []
+    for tick in range(60):
+        simulation.network.time.fill_(tick * TICK)
+        current, motor = explored(simulation)
+        bits = Draws(4, torch.arange(1)).bits(stream("exploration", motor), torch.tensor([tick * TICK]), 20)[0, 0]
+        expected = 1.5 * poisson(bits, poisson_thresholds(2.35)).double()
+        assert torch.equal(current, expected.expand(TICK, 20))
+        held.append(expected / 1.5)
+    counts = torch.stack(held)
+    assert float(counts.mean()) == pytest.approx(2.35, abs=5 * math.sqrt(2.35 / counts.numel()))
+    assert float(counts.var()) == pytest.approx(2.35, rel=0.2)
 
 
 @pytest.mark.parametrize("tick", [70, 130])

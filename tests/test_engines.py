@@ -41,6 +41,28 @@ ROBOTS = {
         "+robot.weights.food_avoidance=3",
         "network.homeostasis.limit=1.5",
     ],
+    "food-container, other readings": [
+        "+experiment=dual_learning",
+        "network.groups.dopaminergic.noise=0.19",
+        "network.groups.dopaminergic.gaussian=0.1",
+        "network.groups.dopaminergic.kick=25",
+        "network.groups.dopaminergic.kick_rate=0.35",
+        "+robot.weights.container_attraction=3",
+        "network.homeostasis.limit=1.5",
+        "+network.homeostasis.per_set.container_taxis={count_absent: true, limit: 1.2}",
+        "network.plasticity.simultaneous=depresses",
+        "network.plasticity.potentiation_from=arrival",
+        "network.synapses.anticipation.delay=3",
+        "world.kinds.food_container.avoids=[robot,containers]",
+        "world.kinds.food_container.contains=whole",
+        "world.overlap=nearest",
+    ],
+    "food-only, strong exploration, held, gains of the mean": [
+        "+experiment=food_attraction",
+        "coding.gain_acts_on=mean",
+        "coding.exploration_gain=1.45",
+        "coding.exploration_drawn=each_tick",
+    ],
     "poison": ["+experiment=food_attraction", "+robot.weights.food_attraction=2", "world.kinds.food.poison_from=0"],
 }
 

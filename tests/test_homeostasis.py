@@ -15,6 +15,7 @@ from helpers import (
     make_group,
     make_network,
     make_projection,
+    make_simulation,
     projections_of,
     run,
     run_each,
@@ -23,6 +24,7 @@ from helpers import (
 )
 from torch import Tensor
 
+from snnrl.errors import ConfigError
 from snnrl.model.homeostasis import Homeostasis
 from snnrl.model.network import Network
 
@@ -130,6 +132,48 @@ def test_trials_are_independent(engine: str) -> None:
     weight[4:8] = 1.99
     run(engine, network, silence(network, 4))
     assert weight.tolist() == pytest.approx([1.95] * 4 + [1.99] * 4 + [1.95] * 4, abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_each_set_has_its_own_mean_limit_and_step(engine: str) -> None:
+    """Half of the pairs are joined, all weights are 3 mV: 1.5 mV over all pairs, 3 mV over existing synapses."""
+    rows = [[3.0, NONE], [NONE, 3.0]]
+    sets = {
+        "pairs": one_set("p"),
+        "synapses": one_set("q", count_absent=False),
+        "own limit": one_set("r", limit=1.4, step=0.25),
+    }
+    network = still_network({"p": rows, "q": rows, "r": rows}, sets)
+    run(engine, network, silence(network, 1))
+    for name, expected in {"p": 3.0, "q": 2.9, "r": 2.75}.items():
+        assert weights_of(network, name) == pytest.approx([expected] * 2, abs=1e-12)
+
+
+def test_what_a_set_does_not_say_holds_for_all() -> None:
+    own = (
+        "+network.homeostasis.per_set.container_dopamine={count_absent: false, limit: 1.5}",
+        "+network.homeostasis.per_set.container_taxis={step: 0.2}",
+    )
+    network = make_simulation("+experiment=dual_learning", "trials=1", "network.homeostasis.count_absent=true", *own)
+    found = {name: (s.limit, s.step, s.count_absent) for name, s in network.network.homeostasis.items()}
+    assert found == {
+        "food_taxis": (2.0, 0.1, True),
+        "container_taxis": (2.0, 0.2, True),
+        "container_dopamine": (1.5, 0.1, False),
+    }
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("nowhere={limit: 1}", r"per_set=nowhere: must be one of food_taxis"),
+        ("food_taxis={limit: -1}", r"per_set\.food_taxis\.limit=-1.*: must be at least 0"),
+        ("food_taxis={most: 1}", r"per_set\.food_taxis\.most=1: no such key"),
+    ],
+)
+def test_a_set_that_is_not_there_or_makes_no_sense_is_refused(given: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=rf"network\.homeostasis\.{message}"):
+        make_simulation("+experiment=food_attraction", "trials=1", f"+network.homeostasis.per_set.{given}")
 
 
 def rising_network(count_absent: bool, baseline: float) -> Network:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import oracle
 import pytest
@@ -104,10 +105,64 @@ def test_noise_is_uniform_round_the_background_and_new_every_ms(engine: str) -> 
     assert not raster[:, 0, :3].any()
 
 
+MIXTURES: dict[str, dict[str, Any]] = {  # of a background current of 5
+    "gaussian": {"gaussian": 2.5},
+    "kicks": {"kick": 30.0, "kick_rate": 25.0},
+    "uniform and gaussian": {"noise": 2.0, "gaussian": 1.5},
+    "all": {"noise": 2.0, "gaussian": 1.5, "kick": 20.0, "kick_rate": 15.0},
+}
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("mixture", MIXTURES)
+def test_a_mixed_background_is_the_sum_of_its_parts(mixture: str, engine: str) -> None:
+    given, steps, size = {"noise": 0.0, "gaussian": 0.0, "kick": 0.0, "kick_rate": 0.0, **MIXTURES[mixture]}, 400, 5
+    groups = [make_group("quiet", 3), make_group("noisy", size, 1, EXCITATORY, 5.0, **given), make_group("other", 18)]
+    network = make_network([*groups, make_group("late", 2, 1, EXCITATORY, 4.0, gaussian=2.0)], seed=8)
+    draws, times = Draws(8, torch.arange(1)), torch.arange(steps)
+    uniform = draws.uniform(stream("background", "noisy"), times, size)[:, 0]
+    bits = draws.bits(stream("gaussian", "noisy"), times, 4 * size)[:, 0]
+    total = torch.zeros(steps, size)
+    for k in range(4):
+        for shift in (0, 8, 16):
+            total += (bits[:, k * size : (k + 1) * size] >> shift) % 256
+    kicks = draws.bits(stream("kicks", "noisy"), times, size)[:, 0] < given["kick_rate"] / 1000 * 2**24
+    raster = run(engine, network, silence(network, steps))
+    for i in range(size):
+        currents = [
+            5.0
+            + given["noise"] * (2.0 * x - 1.0)
+            + given["gaussian"] * (z - 1530) / math.sqrt(65535)
+            + k * given["kick"]
+            for x, z, k in zip(uniform[:, i].tolist(), total[:, i].tolist(), kicks[:, i].tolist(), strict=True)
+        ]
+        spikes, _ = oracle.izhikevich(currents, *EXCITATORY)
+        assert len(spikes) > 3
+        assert spikes_of(raster, 3 + i) == spikes
+    assert int(kicks.sum()) == pytest.approx(given["kick_rate"] / 1000 * steps * size, abs=25)
+    assert not raster[:, 0, :3].any()
+    assert not raster[:, 0, 8:26].any()
+    assert raster[:, 0, 26:].any()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_kicks_come_at_their_rate_and_fire_neurons_at_rest(engine: str) -> None:
+    """0.4 Hz of single spikes; a constant current of 3.65 alone fires nobody."""
+    groups = [make_group("kicked", 40, 8, current=3.65, kick=30.0, kick_rate=0.4), make_group("still", 3, 8)]
+    network = make_network(groups, seed=2)
+    run(engine, network, silence(network, 100))  # a first spike comes from the initial state
+    before = int(network.spike_count[:, 0].sum())
+    run(engine, network, silence(network, 10_000))
+    expected = 0.4 * 10 * 40 * 8
+    assert int(network.spike_count[:, 0].sum()) - before == pytest.approx(expected, abs=5 * math.sqrt(expected))
+    assert int(network.spike_count[:, 1].sum()) == 0
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("cut", [1, 3, 100, 150])
 def test_noise_does_not_depend_on_how_a_run_is_cut(cut: int, engine: str) -> None:
-    whole, parts = (make_network([make_group("noisy", 5, 2, EXCITATORY, 5.0, 3.5)]) for _ in range(2))
+    mixed = MIXTURES["all"]
+    whole, parts = (make_network([make_group("noisy", 5, 2, EXCITATORY, 5.0, **mixed)]) for _ in range(2))
     injected = silence(whole, 307)
     raster = run(engine, whole, injected)
     pieces = torch.cat([run(engine, parts, piece) for piece in injected.split(cut)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import oracle
 import pytest
@@ -10,6 +11,7 @@ import torch
 from helpers import (
     ENGINES,
     EXCITATORY,
+    RULE,
     SURE,
     ends_of,
     forced,
@@ -18,6 +20,7 @@ from helpers import (
     make_group,
     make_network,
     make_projection,
+    make_simulation,
     projections_of,
     run,
     run_each,
@@ -26,7 +29,9 @@ from helpers import (
 )
 from torch import Tensor
 
+from snnrl.errors import ConfigError
 from snnrl.model.network import Network
+from snnrl.model.plasticity import Plasticity
 
 STEPS = 257  # more than two blocks of the fused engine, and not a multiple
 PATTERNS: dict[str, tuple[list[int], list[int]]] = {
@@ -47,10 +52,11 @@ PATTERNS: dict[str, tuple[list[int], list[int]]] = {
 }
 
 
-def pair(baseline: float, weight: float = 2.0, delay: int = 1, gain: float = 1.0) -> Network:
+def pair(baseline: float, weight: float = 2.0, delay: int = 1, gain: float = 1.0, rule: Plasticity = RULE) -> Network:
     """One plastic synapse, and a dopaminergic neuron that stays silent."""
     groups = [make_group("pre", 1), make_group("post", 1), make_group("dopaminergic", 1)]
-    synapse = make_projection("plastic", "pre", "post", torch.full((1, 1, 1), weight, dtype=torch.float64), delay=delay)
+    weights = torch.full((1, 1, 1), weight, dtype=torch.float64)
+    synapse = make_projection("plastic", "pre", "post", weights, delay=delay, rule=rule)
     return make_network(groups, [synapse], make_dopamine(baseline=baseline), gain=gain)
 
 
@@ -86,6 +92,50 @@ def test_one_call_gives_what_calls_of_one_ms_give(pattern: str, engine: str) -> 
     run(engine, whole, forced(whole, STEPS, {("pre", 0): pre, ("post", 0): post}))
     assert float(whole.synapses.eligibility) == pytest.approx(eligibility[-1], abs=1e-9)
     assert float(whole.synapses.weight) == pytest.approx(weight[-1], abs=1e-9)
+
+
+def from_arrival(delay: int) -> Plasticity:
+    """As the builder makes it for a projection of that delay."""
+    return replace(RULE, simultaneous="depresses", travel=delay)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("delay", [1, 3])
+@pytest.mark.parametrize("elapsed", [0, 1, 2, 3, 4, 25])
+def test_closed_form_of_potentiation_from_the_arrival(elapsed: int, delay: int, engine: str) -> None:
+    """e = 0.1 exp(-(elapsed - delay) / 20) where the spike has arrived; two of one ms depress by 0.15."""
+    network = pair(0.0, delay=delay, gain=0.0, rule=from_arrival(delay))
+    eligibility, _ = follow(engine, network, [40], [40 + elapsed], 80)
+    expected = 0.1 * math.exp(-(elapsed - delay) / 20) if elapsed >= delay else -0.15 if elapsed == 0 else 0.0
+    assert eligibility[40 + elapsed] == pytest.approx(expected, abs=1e-12)
+    assert eligibility[-1] == pytest.approx(expected * math.exp(-(39 - elapsed) / 476), abs=1e-12)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("delay", [1, 7])
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_pairs_that_potentiate_from_the_arrival_follow_the_oracle(pattern: str, delay: int, engine: str) -> None:
+    pre, post = PATTERNS[pattern]
+    network = pair(0.004, delay=delay, gain=0.0, rule=from_arrival(delay))
+    eligibility, weight = follow(engine, network, pre, post)
+    expected = oracle.synapse(pre, post, [0.004] * STEPS, 2.0, depresses=True, travel=delay)
+    assert eligibility == pytest.approx(expected[0], abs=1e-9)
+    assert weight == pytest.approx(expected[1], abs=1e-9)
+
+
+def test_a_projection_potentiates_from_its_own_arrival() -> None:
+    rule = ("network.plasticity.simultaneous=depresses", "network.plasticity.potentiation_from=arrival")
+    options = ("+experiment=dual_learning", "trials=1", "network.synapses.anticipation.delay=4")
+    network = make_simulation(*options, *rule).network
+    travels = {p.name: p.rule.travel for p in projections_of(network) if p.rule is not None}
+    assert len(travels) == 10
+    assert all(travel == (4 if name.endswith("dopaminergic") else 1) for name, travel in travels.items())
+    network = make_simulation(*options, rule[0]).network
+    assert {p.rule.travel for p in projections_of(network) if p.rule is not None} == {0}
+    with pytest.raises(ConfigError, match=r"network\.plasticity\.simultaneous=potentiates: must be depresses with"):
+        make_simulation(*options, rule[1])
+    with pytest.raises(ValueError, match="must be depresses"):
+        replace(RULE, travel=1)
 
 
 @pytest.mark.parametrize("engine", ENGINES)

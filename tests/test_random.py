@@ -8,11 +8,16 @@ import torch
 from helpers import compiled
 from scipy import stats
 
-from snnrl.engines.fused.draws import bits, fill_counts, fill_noise, uniform
+from snnrl.engines.fused.draws import add_gaussian, add_kicks, bits, fill_counts, fill_noise, uniform
 from snnrl.engines.fused.poisson import poisson_table
 from snnrl.model.draws import (
+    BELL_DRAWS,
+    BELL_MIDDLE,
+    BELL_SPREAD,
     BITS,
     Draws,
+    bell,
+    bytes_of,
     philox,
     poisson,
     poisson_of_means,
@@ -20,7 +25,7 @@ from snnrl.model.draws import (
     poisson_thresholds,
     stream,
 )
-from snnrl.model.neurons import uniform_noise
+from snnrl.model.neurons import gaussian_noise, kicked, uniform_noise
 
 # Random123, kat_vectors, philox4x32 10: counter, key, answer
 KNOWN = [
@@ -87,6 +92,61 @@ def test_rows_of_noise_equal_the_reference(size: int, steps: int, time: int, rea
     draw = Draws(7, torch.tensor([4])).uniform(99, time + torch.arange(steps), size)[:, 0]
     expected = uniform_noise(draw.to(torch.float32 if real is np.float32 else torch.float64), 3.65, real(0.3))
     assert np.array_equal(rows, expected.numpy())
+
+
+@pytest.mark.parametrize("real", [np.float32, np.float64])
+@pytest.mark.parametrize("time", [0, 2, 3, 70_001])
+@pytest.mark.parametrize(("size", "steps"), [(1, 1), (5, 2), (8, 3), (20, 70)])
+def test_rows_of_gaussian_currents_and_of_kicks_equal_the_reference(
+    size: int, steps: int, time: int, real: type
+) -> None:
+    """Both are added to what is there."""
+    width = (size + 7) // 8 * 8
+    out: np.ndarray = np.full((steps + 6) * width, 3.65, real)
+    below = 1 << BITS - 2
+    compiled(add_gaussian, real)(out, 0, width, size, 7, 98, 4, time, steps, real(0.3 / BELL_SPREAD))
+    compiled(add_kicks, real)(out, 0, width, size, 7, 99, 4, time, steps, real(2.5), below)
+    rows = out.reshape(-1, width)
+    assert (rows[:, size:] == real(3.65)).all()
+    draws, times = Draws(7, torch.tensor([4])), time + torch.arange(steps)
+    bits = draws.bits(98, times, BELL_DRAWS * size)[:, 0].view(steps, BELL_DRAWS, size)
+    dtype = torch.float32 if real is np.float32 else torch.float64
+    start = torch.full((steps, size), 3.65, dtype=dtype)
+    expected = gaussian_noise(start, bell(*bits.unbind(1)).to(dtype), real(0.3 / BELL_SPREAD))
+    kicks = draws.bits(99, times, size)[:, 0]
+    expected = kicked(expected, kicks, below, 2.5)
+    assert np.array_equal(rows[time & 3 :][:steps, :size], expected.numpy())
+    assert size * steps < 20 or 0 < int((kicks < below).sum()) < size * steps
+
+
+def test_three_bytes_of_all_draws_have_exactly_their_mean_and_variance() -> None:
+    """So `bell`, of four of them, has mean 0 and variance 65535."""
+    every = torch.arange(1 << BITS)
+    total = bytes_of(every)
+    assert 4 * int(total.sum()) == BELL_MIDDLE << BITS
+    squares = int((total * total).sum()) / (1 << BITS)
+    assert 4 * (squares - (BELL_MIDDLE / 4) ** 2) == 65535.0 == round(BELL_SPREAD**2, 9)
+    for draw in (0, 255, 256, 0xABCDEF, (1 << BITS) - 1):
+        assert int(total[draw]) == sum(draw.to_bytes(3, "big"))
+
+
+def test_bell_is_as_near_to_the_normal_distribution_as_twelve_bytes_are() -> None:
+    """Its exact distribution, by convolution; and that the draws have it."""
+    probability = np.ones(1)
+    for _ in range(12):
+        probability = np.convolve(probability, np.full(256, 1 / 256))
+    value = (np.arange(len(probability)) - BELL_MIDDLE) / BELL_SPREAD
+    assert [float(value[0]), float(value[-1])] == pytest.approx([-5.977, 5.977], abs=1e-3)
+    assert float(probability @ value**4) == pytest.approx(3 - 0.1, abs=1e-5)
+    assert np.abs(np.cumsum(probability) - 0.5 * probability - stats.norm.cdf(value)).max() < 0.0025
+    bits = Draws(3, torch.arange(10)).bits(stream("b"), torch.arange(500), BELL_DRAWS * 20).unflatten(2, (-1, 20))
+    drawn = bell(*bits.unbind(2)).flatten()
+    assert drawn.dtype == torch.int64
+    assert float(drawn.double().mean()) == pytest.approx(0.0, abs=5 * BELL_SPREAD / len(drawn) ** 0.5)
+    edges = np.searchsorted(np.cumsum(probability), np.linspace(0, 1, 41)[1:-1])
+    found = np.bincount(np.searchsorted(edges, drawn.numpy() + BELL_MIDDLE), minlength=40)
+    expected = np.bincount(np.searchsorted(edges, np.arange(len(probability))), probability, minlength=40)
+    assert stats.chisquare(found, expected * len(drawn)).pvalue > P
 
 
 @pytest.mark.parametrize("time", [0, 1, 2, 3, 7, 70_001])

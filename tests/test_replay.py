@@ -204,13 +204,13 @@ def test_pairs_follow_the_rule_ms_by_ms() -> None:
     assert len(alone.value) == 0
 
 
-@pytest.mark.parametrize("simultaneous", ["potentiates", "depresses"])
-def test_pairs_make_the_eligibility_of_the_networks_own_step(simultaneous: str) -> None:
+@pytest.mark.parametrize(("simultaneous", "travel"), [("potentiates", 0), ("depresses", 0), ("depresses", 3)])
+def test_pairs_make_the_eligibility_of_the_networks_own_step(simultaneous: str, travel: int) -> None:
     """Random trains of which many spikes fall into one ms, followed from the middle on."""
     steps, start = 240, 90
     groups = [make_group("pre", 4), make_group("post", 3), make_group("dopaminergic", 1)]
     weight = torch.full((1, 4, 3), 2.0, dtype=torch.float64)
-    rule = replace(RULE, simultaneous=simultaneous)
+    rule = replace(RULE, simultaneous=simultaneous, travel=travel)
     synapses = make_projection("all", "pre", "post", weight, rule=rule)
     network = make_network(groups, [synapses], make_dopamine(), gain=0.0)
     drawn = torch.rand(steps, 1, network.size, dtype=torch.float64, generator=torch.Generator().manual_seed(5))

@@ -8,6 +8,7 @@ import math
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +86,11 @@ def traces(pre: list[int], post: list[int], steps: int) -> list[float]:
     return values
 
 
+# the same twice: A+ at a distance of 1 ms, and A+ at the arrival, which is 1 ms after the departure
+SPELLED = (PUBLISHED, replace(PUBLISHED, potentiation=0.1, travel=1))
+
+
+@pytest.mark.parametrize("rule", SPELLED, ids=["departure", "arrival"])
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(
     ("pre", "post"),
@@ -99,15 +105,17 @@ def traces(pre: list[int], post: list[int], steps: int) -> list[float]:
         ([0, 50, 101], [0, 50, 101]),
     ],
 )
-def test_published_pairing_is_that_of_set_and_decaying_traces(pre: list[int], post: list[int], engine: str) -> None:
+def test_published_pairing_is_that_of_set_and_decaying_traces(
+    pre: list[int], post: list[int], engine: str, rule: Plasticity
+) -> None:
     steps = 157
-    network = pair()
+    network = pair(rule=rule)
     (synapse,) = projections_of(network)
     injected = forced(network, steps, {("pre", 0): pre, ("post", 0): post})
     raster, (eligibility,) = run_each(engine, network, injected, synapse.eligibility)
     assert (spikes_of(raster, 0), spikes_of(raster, 1)) == (pre, post)
     assert eligibility[:, 0].tolist() == pytest.approx(traces(pre, post, steps), abs=1e-12)
-    whole = pair()
+    whole = pair(rule=rule)
     make_engine(engine, "cpu", 1).run_network(whole, injected)
     assert float(whole.synapses.eligibility) == pytest.approx(float(eligibility[-1]), abs=1e-12)
 

@@ -14,6 +14,8 @@ from torch import Tensor
 from snnrl.body.world import World
 from snnrl.body.world.geometry import drive, in_disc, offset
 from snnrl.engines import make_engine
+from snnrl.errors import ConfigError
+from snnrl.model.draws import stream
 from snnrl.schema import KindConfig
 from snnrl.simulation import Simulation
 
@@ -377,6 +379,100 @@ def test_of_overlapping_containers_the_nearest_is_entered_and_kept() -> None:
     assert (world.inside.tolist(), world.touches.tolist()) == ([1], [[0, 1, 1]])
 
 
+def test_with_nearest_the_robot_is_in_the_container_whose_centre_is_nearest() -> None:
+    """The same way through the same two containers, and back; each change is a touch."""
+    world = make_world(food_containers=1, empty_containers=1, overlap="nearest")
+    place(world, (48.0, 50.0), 0.0, [[30.0, 50.0]], [[40.0, 50.0], [60.0, 50.0]])
+    for x, inside, touches in ((48, 0, [0, 1, 0]), (53, 1, [0, 1, 1]), (55, 1, [0, 1, 1]), (49, 0, [0, 2, 1])):
+        world.position.copy_(double(x, 50.0)[None])
+        world.step(STILL, NOW)
+        assert (world.inside.tolist(), world.touches.tolist()) == ([inside], [touches])
+    world.position.copy_(double(80.0, 50.0)[None])
+    world.step(STILL, NOW)
+    assert world.inside.tolist() == [-1]
+
+
+def gaps(world: World) -> Tensor:
+    """From each container's centre to that of the nearest other one, [B, n]."""
+    places = containers(world)
+    way = offset(places[:, :, None], places[:, None], world.config.side).norm(dim=3)
+    return torch.where(torch.eye(places.shape[1], dtype=torch.bool), torch.inf, way).amin(2)
+
+
+def empty_all(world: World, ticks: int) -> None:
+    """Let the robot take the food of one container after the other."""
+    for tick in range(1, ticks + 1):
+        world.position.copy_(items(world)[:, tick % items(world).shape[1]])
+        world.inside.fill_(-1)
+        world.step(torch.zeros(len(world.heading), 2, dtype=torch.float64), torch.tensor(70 * tick))
+
+
+@pytest.mark.parametrize("avoids", [[], ["robot"], ["containers"], ["robot", "containers"]])
+def test_a_container_lands_only_where_it_may(avoids: list[str]) -> None:
+    """20 worlds of 8 containers on 130 x 130 cm, of which some overlap or lie on the robot where they may."""
+    world = make_world(20, food_containers=8, side=130.0, attempts=200, avoids=avoids)
+    seen = []
+    for ticks in (0, 1, 1, 1, 6):
+        empty_all(world, ticks)
+        on_robot = offset(containers(world), world.position[:, None], 130.0).norm(dim=2).amin(1) < 14.0
+        seen.append((float(gaps(world).min()), int(on_robot.sum())))
+        world.heading.zero_()
+    assert all((gap >= 28.0) is ("containers" in avoids) for gap, _ in seen)
+    distance = offset(containers(world), items(world), 130.0).norm(dim=2)
+    assert float(distance.max()) < 14.0
+    if "robot" in avoids:
+        assert seen[0][1] == 0
+        assert avoids == ["robot"] or not any(count for _, count in seen)
+    else:
+        assert seen[0][1] > 0
+
+
+def test_a_container_lands_on_the_first_place_that_is_clear_or_on_the_last_drawn() -> None:
+    """Places tried are further numbers of its own stream, four a time."""
+    for attempts, chosen in ((50, None), (3, 2)):
+        world = make_world(1, food_containers=2, side=70.0, attempts=attempts, avoids=["containers"])
+        place(world, (0.0, 0.0), 0.0, [[0.0, 0.0], [35.0, 40.0]], [[0.0, 0.0], [35.0, 35.0]], inside=0)
+        if chosen == 2:
+            world.kinds.radius[1] = 49.0  # nothing is clear of it: 98 cm are more than half the diagonal
+        world.step(STILL, torch.tensor(700))
+        drawn = world.draws.uniform(stream("moved", "food_container"), torch.tensor([700]), 8 * attempts)[0, 0]
+        tried = 70.0 * drawn.view(attempts, 2, 4)[:, 0, :2]
+        clear = offset(tried, double(35.0, 35.0), 70.0).norm(dim=1) >= 28.0
+        which = int(clear.long().argmax()) if chosen is None else chosen
+        assert which > 0
+        assert torch.equal(containers(world)[0, 0], tried[which])
+        assert containers(world)[0, 1].tolist() == [35.0, 35.0]
+
+
+@pytest.mark.parametrize(("contains", "largest"), [("centre", 14.0), ("whole", 11.6)])
+def test_an_item_may_lie_wholly_inside_its_container(contains: str, largest: float) -> None:
+    world = make_world(trials=200, food_containers=4, contains=contains)
+    for ticks in (0, 4):
+        empty_all(world, ticks)
+        distance = offset(containers(world), items(world), 300.0).norm(dim=2)
+        assert largest - 0.2 < float(distance.max()) <= largest + 1e-9
+        assert float((distance < largest / 2**0.5).double().mean()) == pytest.approx(0.5, abs=0.06)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            "world.kinds.food_container.avoids=[walls]",
+            r"food_container\.avoids=walls: must be one of robot, containers",
+        ),
+        ("world.kinds.food.contains=whole", r"food\.contains=whole: needs holds"),
+        ("world.kinds.food_container.radius=2.4", r"food_container\.radius=2\.4: must be greater than 2\.4, .* food"),
+        ("world.overlap=both", r"world\.overlap=both: must be one of stays, nearest"),
+        ("world.attempts=0", r"world\.attempts=0: must be at least 1"),
+    ],
+)
+def test_what_makes_no_sense_of_containers_is_refused(options: str, message: str) -> None:
+    whole = "world.kinds.food_container.contains=whole"
+    with pytest.raises(ConfigError, match=message):
+        make_simulation("+experiment=dual_learning", "trials=1", whole, options)
+
+
 def test_food_in_a_container_is_sensed_and_touched_from_inside_only() -> None:
     world = make_world(trials=2, food_containers=1)
     for trial, x in enumerate((35.5, 36.5)):  # 0.5 cm outside, 0.5 cm inside
@@ -628,7 +724,17 @@ def test_engines_agree_on_places_where_food_lies_anew() -> None:
     assert moved == [situation[-1][0] for situation in SITUATIONS.values()]
 
 
-def test_engines_agree_in_a_world_of_many_kinds() -> None:
+READINGS = (  # containers that land clear of each other where there is room for it
+    "world.kinds.food_container.avoids=[robot,containers]",
+    "world.kinds.food_container.contains=whole",
+    "+world.kinds.chest.avoids=[containers]",
+    "world.attempts=5",
+    "world.overlap=nearest",
+)
+
+
+@pytest.mark.parametrize("readings", [(), READINGS], ids=["usual", "other"])
+def test_engines_agree_in_a_world_of_many_kinds(readings: tuple[str, ...]) -> None:
     """Poison beside food, keys and what they open, bushes that do not hide, sensors of several kinds; all touched."""
     options = [
         "+experiment=dual_learning",
@@ -647,6 +753,7 @@ def test_engines_agree_in_a_world_of_many_kinds() -> None:
         "world.ranges.container.sees=[food_container,chest,bush]",
         "+coding.touches.poison=food_touch",
         "+coding.touches.chest=food_container_touch",
+        *readings,
     ]
     both = [make_simulation(*options) for _ in ENGINES]
     for engine, simulation in zip(ENGINES, both, strict=True):

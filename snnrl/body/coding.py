@@ -34,8 +34,9 @@ class Coding(nn.Module):
     """Encodes what the robot senses, explores, and decodes its wheel speeds.
 
     A range pulse is given at every tick for 1 ms, gain * Poisson(mean * the sensor's value), drawn per neuron; a touch
-    pulse at the tick of contact (thesis 3.5). One motor, drawn for each tick, gets a Poisson current in every ms:
-    exploration (thesis 3.11).
+    pulse at the tick of contact (thesis 3.5). The gain may be one of the mean instead of the counts. One motor, drawn
+    for each tick, gets a current of gain * Poisson(mean) in every ms: exploration (thesis 3.11). It is drawn per
+    neuron, for every ms or once for all of a tick.
 
     Args:
         network: whose groups it drives and reads.
@@ -57,9 +58,20 @@ class Coding(nn.Module):
         self.motor_groups = [names.index(motor) for motor in self.motors]
         zeros = torch.zeros(network.trials, 2, dtype=torch.int64, device=network.device)
         self.register_buffer("decoded", zeros)
-        for name, mean in {"touch": config.touch_mean, "exploration": config.exploration}.items():
+        self.range_mean, self.range_gain = self._pulse(config.range_mean, config.range_gain)
+        self.touch_mean, self.touch_gain = self._pulse(config.touch_mean, config.touch_gain)
+        for name, mean in {"touch": self.touch_mean, "exploration": config.exploration}.items():
             thresholds = poisson_thresholds(mean).to(network.device)
             self.register_buffer(f"{name}_thresholds", thresholds, persistent=False)
+
+    def _pulse(self, mean: float, gain: float) -> tuple[float, float]:
+        """The mean of a pulse's counts, and the current of each."""
+        return (mean, gain) if self.config.gain_acts_on == "counts" else (gain * mean, 1.0)
+
+    @property
+    def held(self) -> bool:
+        """Whether exploration is drawn once for all ms of a tick."""
+        return self.config.exploration_drawn == "each_tick"
 
     def decode(self, network: Network) -> Tensor:
         """Wheel speeds (cm/s), float64 [B, 2] left and right, from the spikes since the last call."""
@@ -83,15 +95,16 @@ class Coding(nn.Module):
         for name, pair in config.ranges.items():
             for group, value in zip((pair.left, pair.right), values[name].unbind(1), strict=True):
                 bits = draws.bits(stream("range", group), now, network.groups[group].size)[0]
-                pulse = poisson_of_means(bits, config.range_mean * value, config.range_mean).to(dtype)
-                current[0, :, network.groups[group].span] += config.range_gain * pulse
+                pulse = poisson_of_means(bits, self.range_mean * value, self.range_mean).to(dtype)
+                current[0, :, network.groups[group].span] += self.range_gain * pulse
         for name, group in config.touches.items():
             bits = draws.bits(stream("touch", group), now, network.groups[group].size)[0]
             pulse = (poisson(bits, self.touch_thresholds) * touched[name][:, None]).to(dtype)
-            current[0, :, network.groups[group].span] += config.touch_gain * pulse
+            current[0, :, network.groups[group].span] += self.touch_gain * pulse
         right = draws.uniform(stream("exploring side"), now, 1)[0] >= 0.5
+        drawn = now if self.held else times
         for group, explores in zip(self.motors, (~right, right), strict=True):
-            bits = draws.bits(stream("exploration", group), times, network.groups[group].size)
+            bits = draws.bits(stream("exploration", group), drawn, network.groups[group].size)
             exploration = poisson(bits, self.exploration_thresholds) * explores
-            current[:, :, network.groups[group].span] += exploration.to(dtype)
+            current[:, :, network.groups[group].span] += config.exploration_gain * exploration.to(dtype)
         return current

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -105,8 +106,9 @@ def _plasticity(key: str, config: PlasticityConfig) -> Plasticity:
         name: function(f"{key}.{name}", getattr(config, name), {own.__name__: own for own in owns})
         for name, owns in (("at_post", (potentiate,)), ("at_pre", (depress,)), ("weight_rule", (hard_bounds,)))
     }
+    given = {name: value for name, value in vars(config).items() if name != "potentiation_from"}
     try:
-        return Plasticity(**{**vars(config), "values": dict(config.values), **functions})
+        return Plasticity(**{**given, "values": dict(config.values), **functions})
     except ValueError as error:
         raise ConfigError(key, "...", str(error)) from error
 
@@ -142,7 +144,7 @@ def _homeostasis(config: HomeostasisConfig, projections: list[Projection]) -> di
         name: tuple(p.name for p in projections if p.plastic and p.role in roles) for name, roles in config.sets.items()
     }
     return {
-        name: Homeostasis(names, config.limit, config.step, config.count_absent)
+        name: Homeostasis(names, **vars(parts.homeostatic_set(config, name)))
         for name, names in members.items()
         if names
     }
@@ -154,7 +156,8 @@ def _group(name: str, config: GroupConfig, neuron: NeuronConfig, draws: Draws, d
         key: (value + spread * squared).to(dtype) for key, (value, spread) in parts.neuron_parameters(neuron).items()
     }
     model = parts.neuron_model(f"network.neurons.{config.neuron}", neuron)
-    return NeuronGroup(name, model, parameters, neuron.v, config.current, config.noise)
+    background = config.current, config.noise, config.gaussian, config.kick, config.kick_rate
+    return NeuronGroup(name, model, parameters, neuron.v, *background)
 
 
 def _projection(
@@ -175,6 +178,9 @@ def _projection(
     else:
         assert kind.probability is not None
         connected = drawn < kind.probability
+    rule = rules[kind.rule]
+    if parts.rules(network)[kind.rule].potentiation_from == "arrival":
+        rule = replace(rule, travel=kind.delay)
     weight = kind.weight + kind.spread * draws.at_start(stream("weights", name), pairs)
     if config.role in robot.weights:
         weight = torch.full_like(weight, robot.weights[config.role])
@@ -184,7 +190,7 @@ def _projection(
         config.post,
         connected,
         weight.view(shape).to(dtype),
-        rules[kind.rule] if kind.plastic and robot.learning and config.role not in robot.fixed else None,
+        rule if kind.plastic and robot.learning and config.role not in robot.fixed else None,
         kind.delay,
         config.role,
         dict(kind.listens) or None,

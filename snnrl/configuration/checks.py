@@ -7,7 +7,15 @@ from collections.abc import Iterable
 import torch
 from torch import nn
 
-from snnrl.configuration.parts import modulator_key, modulators, neuron_model, neuron_parameters, rules, weight_bounds
+from snnrl.configuration.parts import (
+    modulator_key,
+    modulators,
+    neuron_model,
+    neuron_parameters,
+    rule_key,
+    rules,
+    weight_bounds,
+)
 from snnrl.errors import ConfigError
 from snnrl.model.synapses import DOPAMINE
 from snnrl.schema import (
@@ -19,6 +27,7 @@ from snnrl.schema import (
     StimuliConfig,
     SynapseConfig,
     WorldConfig,
+    bounds_of,
     check_bounds,
 )
 
@@ -100,6 +109,10 @@ def _check_projections(config: NetworkConfig) -> None:
         _one_of(f"{key}.pre", projection.pre, config.groups)
         _one_of(f"{key}.post", projection.post, config.groups)
         _one_of(f"{key}.synapse", projection.synapse, config.synapses)
+    for name, rule in rules(config).items():
+        if rule.potentiation_from == "arrival" and rule.simultaneous != "depresses":
+            allowed = "must be depresses with potentiation_from=arrival, before which nothing potentiates"
+            raise ConfigError(f"{rule_key(name)}.simultaneous", rule.simultaneous, allowed)
     for name, kind in config.synapses.items():
         _check_synapses(f"network.synapses.{name}", kind, config)
     for name, projection in config.projections.items():
@@ -133,7 +146,11 @@ def _check_modulators(config: NetworkConfig) -> None:
 def _check_sets(config: NetworkConfig, roles: list[str]) -> None:
     """A role belongs to at most one homeostatic set."""
     used: dict[str, str] = {}
-    for name, members in ({} if config.homeostasis is None else config.homeostasis.sets).items():
+    if config.homeostasis is None:
+        return
+    for name in config.homeostasis.per_set:
+        _one_of("network.homeostasis.per_set", name, config.homeostasis.sets)
+    for name, members in config.homeostasis.sets.items():
         for role in members:
             key = f"network.homeostasis.sets.{name}"
             _one_of(key, role, roles)
@@ -163,6 +180,7 @@ def check_robot(config: Config) -> None:
     _one_of("coding.motors.right", coding.motors.right, groups)
     if coding.slow > coding.fast:
         raise ConfigError("coding.slow", coding.slow, f"must be at most coding.fast={coding.fast:g}")
+    _check_pulses(coding)
     motors = {coding.motors.left, coding.motors.right}
     for name, sensor in coding.ranges.items():
         _one_of(f"coding.ranges.{name}", name, world.ranges)
@@ -183,6 +201,16 @@ def check_robot(config: Config) -> None:
             raise ConfigError("experiment.correct", taxis, allowed)
 
 
+def _check_pulses(coding: CodingConfig) -> None:
+    """A gain of the mean must leave a mean whose distribution has a table."""
+    largest = bounds_of(CodingConfig, "range_mean")["most"]
+    for name in ("range", "touch") if coding.gain_acts_on == "mean" else ():
+        mean, gain = getattr(coding, f"{name}_mean"), getattr(coding, f"{name}_gain")
+        if gain * mean > largest:
+            allowed = f"times coding.{name}_mean={mean:g} must be at most {largest:g}"
+            raise ConfigError(f"coding.{name}_gain", gain, allowed)
+
+
 def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
     if not world.kinds:
         raise ConfigError("world.kinds", "{}", "a world needs at least one kind of object")
@@ -194,6 +222,13 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
             raise ConfigError(f"world.kinds.{name}.holds", kind.holds, "needs touched=entered")
         if kind.holds and world.kinds[kind.holds].touched != "taken":
             raise ConfigError(f"world.kinds.{name}.holds", kind.holds, "must be a kind with touched=taken")
+        if kind.contains == "whole" and not kind.holds:
+            raise ConfigError(f"world.kinds.{name}.contains", kind.contains, "needs holds")
+        if kind.contains == "whole" and kind.radius <= world.kinds[kind.holds].radius:
+            allowed = f"must be greater than {world.kinds[kind.holds].radius:g}, the radius of {kind.holds} in it"
+            raise ConfigError(f"world.kinds.{name}.radius", kind.radius, allowed)
+        for avoided in kind.avoids:
+            _one_of(f"world.kinds.{name}.avoids", avoided, ("robot", "containers"))
         if kind.sign == 0:
             raise ConfigError(f"world.kinds.{name}.sign", 0, "must be 1 or -1")
         if kind.poison_from is not None and kind.touched != "taken":

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 from snnrl.configuration.parts import modulator_key, modulators
 from snnrl.errors import ConfigError
+from snnrl.model.draws import BELL_DRAWS
 from snnrl.schema import Config, NetworkConfig, ProjectionConfig
 
 # Bytes, measured as the growth of the process and rounded up; tests/test_fuzzer.py holds them against it.
@@ -76,7 +77,7 @@ def of_network(config: NetworkConfig, trials: int) -> dict[str, float]:
 def of_run(config: Config) -> dict[str, float]:
     """Estimated bytes by key: the network, the world, a tick's currents and what is recorded."""
     network, trials = config.network, config.trials
-    neurons = sum(group.size for group in network.groups.values())
+    drawn = sum(group.size * (1 + BELL_DRAWS * bool(group.gaussian)) for group in network.groups.values())
     followed = sum(bool(projection.role) for projection in network.projections.values())
     tick = config.coding.tick if config.coding is not None else config.task.tick if config.task is not None else 1
     samples = config.seconds / max(min(config.record.every, config.seconds), tick / 1000.0)
@@ -85,8 +86,9 @@ def of_run(config: Config) -> dict[str, float]:
         "record.every": samples * trials * VALUE * (6 + len(network.groups) + 2 * followed),
     }
     if config.engine == "reference" or config.task is not None:
-        parts["task.tick" if config.task is not None else "coding.tick"] = float(trials) * tick * neurons * CURRENT
+        parts["task.tick" if config.task is not None else "coding.tick"] = float(trials) * tick * drawn * CURRENT
     if config.world is not None:
+        tried = config.world.attempts if any(kind.avoids for kind in config.world.kinds.values()) else 1
         for name, kind in config.world.kinds.items():
-            parts[f"world.kinds.{name}.count"] = float(trials) * kind.count * OBJECT * (2 if kind.holds else 1)
+            parts[f"world.kinds.{name}.count"] = float(trials) * kind.count * OBJECT * (tried + bool(kind.holds))
     return parts

@@ -6,7 +6,15 @@ from snnrl.configuration.functions import function
 from snnrl.errors import ConfigError
 from snnrl.model.neurons import IZHIKEVICH, NeuronModel
 from snnrl.model.synapses import DOPAMINE
-from snnrl.schema import ModulatorConfig, NetworkConfig, NeuronConfig, PlasticityConfig, SynapseConfig
+from snnrl.schema import (
+    HomeostasisConfig,
+    ModulatorConfig,
+    NetworkConfig,
+    NeuronConfig,
+    PlasticityConfig,
+    SetConfig,
+    SynapseConfig,
+)
 
 
 def rules(config: NetworkConfig) -> dict[str, PlasticityConfig]:
@@ -47,6 +55,12 @@ def neuron_parameters(config: NeuronConfig) -> dict[str, tuple[float, float]]:
     own = {name: (getattr(config, name), getattr(config, f"{name}_spread", 0.0)) for name in "abcd"}
     given = {name: (value, config.spreads.get(name, 0.0)) for name, value in config.parameters.items()}
     return {name: pair for name, pair in {**own, **given}.items() if pair[0] is not None}
+
+
+def homeostatic_set(config: HomeostasisConfig, name: str) -> SetConfig:
+    """Everything about one set: its own, or what holds for all."""
+    own = vars(config.per_set.get(name, SetConfig()))
+    return SetConfig(**{key: getattr(config, key) if value is None else value for key, value in own.items()})
 
 
 def weight_bounds(config: NetworkConfig, kind: SynapseConfig) -> tuple[float, float]:

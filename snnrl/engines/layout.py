@@ -59,8 +59,10 @@ class Tables(NamedTuple):
     background: Any  # real [places], constant currents
     background_at: Any  # int64 [places / lanes], where a block's background is: among the constant ones, or behind
     background_step: Any  # int64 [places / lanes], how far from there to that of the next ms; 0 of a constant one
-    noises: Any  # int64 [Q, 3], of groups with a noisy background
-    noise_values: Any  # real [Q, 2], current and amplitude
+    noises: Any  # int64 [Q, 3], of groups with a noisy background; one of these may be in it several times
+    noise_values: Any  # real [Q, 2]: current and amplitude; scale of a Gaussian one; kick, and below what it comes
+    uniform: Any  # where among these the uniform ones end
+    gaussian: Any  # where the Gaussian ones do, behind which are kicks
     projections: Any  # int64 [P, 9]
     listed: Any  # int64, projections that learn and are lists
     sent: Any  # int64, projections that are in no matrix
@@ -344,21 +346,29 @@ def _background(network: Network, places: dict[str, Any], lanes: int, real: Any)
     named = list(zip(network.groups.values(), places["groups"].tolist(), strict=True))
     for group, (size, _, at) in named:
         constant[at : at + size] = group.current
-        if group.noise:
+        if group.restless:
             restless[at // lanes : (at + size - 1) // lanes + 1] = True
     before = np.cumsum(restless) - restless  # restless blocks before each
-    noises, values = [], []
+    drawn: dict[str, list[tuple[Any, ...]]] = {"background": [], "gaussian": [], "kicks": []}
     for group, (size, _, at) in named:
-        if group.noise:
-            noises.append((before[at // lanes] * lanes + at % lanes, size, stream("background", group.name)))
-            values.append((group.current, group.noise))
+        place = before[at // lanes] * lanes + at % lanes
+        for kind, needed, *value in (
+            ("background", group.restless, group.current, group.noise),
+            ("gaussian", group.gaussian, group.gaussian_scale, 0.0),
+            ("kicks", group.kicked_below, group.kick, group.kicked_below),
+        ):
+            if needed:
+                drawn[kind].append((place, size, stream(kind, group.name), *value))
+    noises = [row for rows in drawn.values() for row in rows]
     blocks = np.arange(len(restless))
     return {
         "background": constant,
         "background_at": np.where(restless, places["places"] + before * lanes, blocks * lanes),
         "background_step": np.where(restless, restless.sum() * lanes, 0),
-        "noises": np.array(noises, np.int64).reshape(-1, 3),
-        "noise_values": np.array(values, real).reshape(-1, 2),
+        "noises": np.array([row[:3] for row in noises], np.int64).reshape(-1, 3),
+        "noise_values": np.array([row[3:] for row in noises], real).reshape(-1, 2),
+        "uniform": len(drawn["background"]),
+        "gaussian": len(drawn["background"]) + len(drawn["gaussian"]),
     }
 
 

@@ -24,6 +24,9 @@ WEYL_0 = 0x9E3779B9
 WEYL_1 = 0xBB67AE85
 ROUNDS = 10
 MASK = 0xFFFFFFFF
+BELL_DRAWS = 4
+BELL_MIDDLE = 1530  # the mean of twelve bytes' sum
+BELL_SPREAD = math.sqrt(65535.0)  # twelve times the variance of a byte, (256^2 - 1) / 12
 BITS = 24  # of a word that are used: exact in float32, so that every precision sees the same number
 
 
@@ -80,6 +83,20 @@ class Draws:
 def whole_between(uniform: Tensor, least: int, most: int) -> Tensor:
     """Whole numbers in [least, most] from numbers uniform in [0, 1), int64."""
     return least + (uniform * (most - least + 1)).long()
+
+
+def bell(one: Tensor, two: Tensor, three: Tensor, four: Tensor) -> Tensor:
+    """A whole number that is nearly normally distributed, from four 24-bit draws: the sum of their twelve bytes.
+
+    Its mean is 0 and its standard deviation `BELL_SPREAD`, both exactly; its excess kurtosis is -0.1, and it stays
+    within 5.98 standard deviations. There is no rounding and no function of a library in it.
+    """
+    return bytes_of(one) + bytes_of(two) + bytes_of(three) + bytes_of(four) - BELL_MIDDLE
+
+
+def bytes_of(draw: Tensor) -> Tensor:
+    """The sum of the three bytes of a 24-bit draw."""
+    return (draw & 255) + ((draw >> 8) & 255) + (draw >> 16)
 
 
 def poisson_thresholds(mean: float) -> Tensor:

@@ -10,10 +10,10 @@ from typing import cast
 import torch
 from torch import Tensor, nn
 
-from snnrl.model.draws import Draws, stream
+from snnrl.model.draws import BELL_DRAWS, Draws, bell, stream
 from snnrl.model.homeostasis import Homeostasis, lowered
 from snnrl.model.modulators import Modulator
-from snnrl.model.neurons import NeuronGroup, NeuronModel, uniform_noise
+from snnrl.model.neurons import NeuronGroup, NeuronModel, gaussian_noise, kicked, uniform_noise
 from snnrl.model.plasticity import Plasticity
 from snnrl.model.synapses import DOPAMINE, Projection
 
@@ -221,11 +221,17 @@ class Network(nn.Module):
         """Constant and noisy background current at int64 times [T], [T, B, N]."""
         current = self.pending.new_zeros(len(times), self.trials, self.size)
         for group in self.groups.values():
+            mine, name, size = current[:, :, group.span], group.name, group.size
+            mine.fill_(group.current)
             if group.noise:
-                draw = self.draws.uniform(stream("background", group.name), times, group.size).to(self.dtype)
-                current[:, :, group.span] = uniform_noise(draw, group.current, group.noise)
-            else:
-                current[:, :, group.span] = group.current
+                draw = self.draws.uniform(stream("background", name), times, size).to(self.dtype)
+                mine.copy_(uniform_noise(draw, group.current, group.noise))
+            if group.gaussian:
+                bits = self.draws.bits(stream("gaussian", name), times, BELL_DRAWS * size).unflatten(2, (-1, size))
+                mine.copy_(gaussian_noise(mine, bell(*bits.unbind(2)).to(self.dtype), group.gaussian_scale))
+            if group.kicked_below:
+                bits = self.draws.bits(stream("kicks", name), times, size)
+                mine.copy_(kicked(mine, bits, group.kicked_below, group.kick))
         return current
 
     def run(

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import torch
 from torch import Tensor, nn
 
+from snnrl.model.draws import BELL_SPREAD, BITS
+
 NEVER = -(1 << 40)  # last-spike time (ms) of a neuron that has not fired
 SQUARE, LINEAR, CONSTANT = 0.04, 5.0, 140.0  # of dv/dt = 0.04 v^2 + 5 v + 140 - u + I
 PEAK = 30.0  # mV; at or above it a neuron has fired (Izhikevich 2003)
@@ -36,6 +38,16 @@ def izhikevich_start(v: Tensor, a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> t
 def uniform_noise(draw: Tensor, current: float, noise: float) -> Tensor:
     """Background current from a number uniform in [0, 1): `current`, and up to `noise` more or less."""
     return current + noise * (2.0 * draw - 1.0)
+
+
+def gaussian_noise(current: Tensor, draw: Tensor, scale: float) -> Tensor:
+    """A current and a nearly Gaussian one: `scale` times a draw of `snnrl.model.draws.bell`."""
+    return current + scale * draw
+
+
+def kicked(current: Tensor, draw: Tensor, below: int, kick: float) -> Tensor:
+    """A current, and a kick besides where a 24-bit draw is below a threshold."""
+    return torch.where(draw < below, current + kick, current)
 
 
 @dataclass(frozen=True)
@@ -84,8 +96,9 @@ class NeuronGroup(nn.Module):
         model: of its neurons.
         parameters: of the model, each [B, n] of the network's dtype.
         v: initial membrane potential (mV).
-        current, noise: a constant background current, and the half width of a uniform one drawn per
-            neuron and ms.
+        current: a constant background current; all others are drawn per neuron and ms, and added to it.
+        noise: half width of a uniform one. gaussian: standard deviation of a Gaussian one.
+        kick, kick_rate: a current in single ms, and how often these are (Hz).
 
     Raises:
         ValueError: a parameter of the model is missing, or one is given that it does not have.
@@ -102,11 +115,15 @@ class NeuronGroup(nn.Module):
         v: float,
         current: float = 0.0,
         noise: float = 0.0,
+        gaussian: float = 0.0,
+        kick: float = 0.0,
+        kick_rate: float = 0.0,
     ) -> None:
         super().__init__()
         if set(parameters) != set(model.parameters):
             raise ValueError(f"{name}: has {', '.join(parameters)}, must have {', '.join(model.parameters)}")
         self.name, self.model, self.current, self.noise = name, model, current, noise
+        self.gaussian, self.kick, self.kick_rate = gaussian, kick, kick_rate
         like = next(iter(parameters.values()))
         self.size = like.shape[1]
         self.start = 0  # position of the first neuron in the network; set when the group joins one
@@ -118,6 +135,21 @@ class NeuronGroup(nn.Module):
     def span(self) -> slice:
         """Where the group's neurons stand among all neurons of the network."""
         return slice(self.start, self.start + self.size)
+
+    @property
+    def gaussian_scale(self) -> float:
+        """The Gaussian current of one unit of `snnrl.model.draws.bell`."""
+        return self.gaussian / BELL_SPREAD
+
+    @property
+    def kicked_below(self) -> int:
+        """The 24-bit draws that bring a kick are those below this."""
+        return round(self.kick_rate / 1000.0 * (1 << BITS)) if self.kick else 0
+
+    @property
+    def restless(self) -> bool:
+        """Whether its background is not the same in every ms."""
+        return bool(self.noise or self.gaussian or self.kicked_below)
 
     def extra_repr(self) -> str:
         return f"{self.size} neurons"

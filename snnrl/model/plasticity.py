@@ -51,22 +51,29 @@ class Plasticity:
     of that ms. Where it depresses (Izhikevich 2007: the presynaptic spike is still on its way), the postsynaptic
     spike also pairs with the presynaptic neuron's latest earlier one.
 
+    Potentiation may count from a presynaptic spike's arrival, `travel` ms after it left. Then a spike of one ms is
+    still on its way, so two of these depress, and a postsynaptic spike whose presynaptic neuron's latest earlier spike
+    is on its way pairs with none. Depression counts from departure: from there on the postsynaptic spike is the
+    earlier one.
+
     Attributes:
         potentiation, depression: A+ and A-, the change of eligibility by one pair at no distance.
         tau_plus, tau_minus: width of the two halves of the window (ms).
         tau_eligibility: decay of the eligibility (ms).
         weight_max: plastic weights stay in [weight_min, weight_max] (mV).
         simultaneous: what a pair of spikes of one ms does, "potentiates" or "depresses".
+        travel: ms after a presynaptic spike left at which it can potentiate, most; 0 counts from departure.
         at_post, at_pre: what a pair adds to the eligibility at its postsynaptic or presynaptic spike, elementwise
             functions of the ms since the other spike. weight_rule: an elementwise function of a weight and of what
             eligibility times dopamine would change it by in one ms, to the new weight. The further arguments of the
             three are values of this object, or of `values`, of the same name.
         values: further numbers for those functions.
-        gains, losses: what the two functions give by ms, float64 [K] each, the last 0.
+        gains, losses: what a pair adds by the ms since the other spike left, float64 [K] each, the last 0.
         decay: of the eligibility in one ms.
 
     Raises:
-        ValueError: a function has an argument that nothing here is called like, or a window does not end.
+        ValueError: a function has an argument that nothing here is called like, or a window does not end; a spike
+            travels, and those of one ms potentiate.
     """
 
     potentiation: float
@@ -81,15 +88,19 @@ class Plasticity:
     at_pre: Rule = depress
     weight_rule: Rule = hard_bounds
     values: Mapping[str, float] = field(default_factory=dict, hash=False)
+    travel: int = 0
     gains: Tensor = field(init=False, compare=False, repr=False)
     losses: Tensor = field(init=False, compare=False, repr=False)
     decay: float = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        if self.travel and self.simultaneous != "depresses":
+            raise ValueError("simultaneous: must be depresses where a spike potentiates after its travel")
         self.bounds  # noqa: B018  # so that a name that is missing is noticed here
         object.__setattr__(self, "decay", exp_of(-1.0 / self.tau_eligibility))
         for name, function in (("gains", self.at_post), ("losses", self.at_pre)):
             object.__setattr__(self, name, window(function, self.arguments(function, 1)))
+        object.__setattr__(self, "gains", torch.cat([self.gains.new_zeros(self.travel), self.gains]))
 
     def arguments(self, function: Rule, given: int) -> tuple[float, ...]:
         """The values of a function's arguments after the first `given` ones."""

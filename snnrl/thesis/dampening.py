@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from snnrl.configuration.compose import compose
+from snnrl.configuration.parts import homeostatic_set
 from snnrl.recording.runs import Run
 from snnrl.thesis.claims import pathways
 
@@ -19,11 +20,13 @@ EXPERIMENT, SET = "food_attraction", "food_taxis"
 def overrides() -> tuple[str, ...]:
     """Of the close-up: attraction and avoidance start alike, one step below the limit of their mean."""
     network = compose(f"+experiment={EXPERIMENT}").network
-    homeostasis = network.homeostasis
-    assert homeostasis is not None
+    assert network.homeostasis is not None
+    roles, homeostasis = network.homeostasis.sets[SET], homeostatic_set(network.homeostasis, SET)
+    assert homeostasis.limit is not None
+    assert homeostasis.step is not None
     joined = network.synapses["taxis"].probability if homeostasis.count_absent else 1.0
     start = (homeostasis.limit - homeostasis.step) / (joined or 1.0)
-    return ("trials=8", "seconds=30", *(f"+robot.weights.{role}={start:.4g}" for role in homeostasis.sets[SET]))
+    return ("trials=8", "seconds=30", *(f"+robot.weights.{role}={start:.4g}" for role in roles))
 
 
 @dataclass(frozen=True)
@@ -57,6 +60,8 @@ class Dampened:
 def dampened(run: Run) -> Dampened:
     """What a run says of it; all projections of the set have as many pairs of neurons."""
     homeostasis = run.config["network"]["homeostasis"]
+    own = homeostasis.get("per_set", {}).get(SET, {})
+    homeostasis = {**homeostasis, **{key: value for key, value in own.items() if value is not None}}
 
     def joined(name: str) -> np.ndarray:
         return (~np.isnan(run.weights[name])).mean((1, 2)) if not homeostasis["count_absent"] else np.ones(1)

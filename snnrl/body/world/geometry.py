@@ -46,6 +46,11 @@ def in_disc(radius: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tens
     return distance * cos(angle), distance * sin(angle)
 
 
+def within(dx: Tensor, dy: Tensor, distance: Tensor) -> Tensor:
+    """Whether a way (cm) is shorter than a distance."""
+    return dx * dx + dy * dy < distance * distance
+
+
 def orbit(slow: float, fast: float, seconds: float, axle: float) -> tuple[float, float]:
     """The regular polygon that a robot drives with its wheels at two constant speeds (cm/s).
 

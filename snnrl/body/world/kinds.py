@@ -24,33 +24,42 @@ class Kinds:
     Attributes:
         names: of the kinds.
         radius: float64 [K], cm. speed: float64 [K], factor on the robot's speed inside.
+        room: float64 [K], the radius within which the centre of what it holds lies, cm.
         effect: int64 [K], TAKEN or ENTERED. hides: bool [K], whether from inside only what it holds is sensed.
         sign: float64 [K], of what touching releases. turns: int64 [K], the ms
             from which that sign is the opposite.
+        off_robot, apart: bool [K], whether none lands on the robot, and whether none overlaps what is entered.
         opens: bool [K, K], whether touching the first opens the second. locked: bool [K], whether it needs that.
         started, moved: [K], streams of the places at the start, and of those after a move.
+        counts: int64 [K], of those that are held by nothing.
         kind: int64 [M]. number: int64 [M], of an object within its kind, or of its holder.
         holder: int64 [M], the object that holds it; OUTSIDE if none does.
         home: int64 [M], the object that hides it: it is sensed and touched only from there; OUTSIDE if nothing does.
         free: how many of the objects, the first ones, are held by nothing.
+        order: of these, that in which they move within a tick: what is taken first.
     """
 
     names: tuple[str, ...]
     radius: Tensor
     speed: Tensor
+    room: Tensor
     effect: Tensor
     hides: Tensor
     sign: Tensor
     turns: Tensor
+    off_robot: Tensor
+    apart: Tensor
     opens: Tensor
     locked: Tensor
     started: tuple[int, ...]
     moved: tuple[int, ...]
+    counts: Tensor
     kind: Tensor
     number: Tensor
     holder: Tensor
     home: Tensor
     free: int
+    order: tuple[int, ...]
 
     @classmethod
     def of(cls, config: WorldConfig) -> Kinds:
@@ -68,19 +77,24 @@ class Kinds:
             names,
             torch.tensor([kind.radius for kind in kinds], dtype=torch.float64),
             torch.tensor([kind.speed for kind in kinds], dtype=torch.float64),
+            torch.tensor([_room(kind, config) for kind in kinds], dtype=torch.float64),
             torch.tensor([EFFECTS[kind.touched] for kind in kinds]),
             torch.tensor([kind.hides for kind in kinds]),
             torch.tensor([float(kind.sign) for kind in kinds], dtype=torch.float64),
             torch.tensor([_turn(kind) for kind in kinds]),
+            torch.tensor(["robot" in kind.avoids for kind in kinds]),
+            torch.tensor(["containers" in kind.avoids for kind in kinds]),
             opens,
             opens.any(0),
             tuple(stream("start", name) for name in names),
             tuple(stream("moved", name) for name in names),
+            torch.tensor([kind.count for kind in kinds]),
             kind=rows[:, 0],
             number=rows[:, 1],
             holder=rows[:, 2],
             home=rows[:, 3],
             free=len(free),
+            order=tuple(sorted(range(len(free)), key=lambda m: EFFECTS[kinds[free[m][0]].touched])),
         )
 
     def to(self, device: torch.device) -> Kinds:
@@ -91,6 +105,10 @@ class Kinds:
     def index(self, kind: str) -> Tensor:
         """The objects of a kind, int64 [n]; none of one that the world does not have."""
         return (self.kind == (self.names.index(kind) if kind in self.names else OUTSIDE)).nonzero()[:, 0]
+
+
+def _room(kind: KindConfig, config: WorldConfig) -> float:
+    return kind.radius - (config.kinds[kind.holds].radius if kind.contains == "whole" else 0.0)
 
 
 def _turn(kind: KindConfig) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from snnrl.body.world.geometry import drive, in_disc, offset, orbit
+from snnrl.body.world.geometry import drive, in_disc, offset, orbit, within
 from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.model.draws import Draws, stream
@@ -46,6 +46,7 @@ class World(nn.Module):
         self.draws, self.config, self.tick = draws, config, tick
         device = draws.trials.device
         self.kinds = Kinds.of(config).to(device)
+        self.attempts = config.attempts if any(kind.avoids for kind in config.kinds.values()) else 1
         self.sees = {name: tuple(sensor.sees or [name]) for name, sensor in config.ranges.items()}
         robot = draws.at_start(stream("robot"), 3)
         trials, count = len(robot), len(self.kinds.names)
@@ -87,26 +88,68 @@ class World(nn.Module):
             return torch.zeros_like(self.inside)
         return self.touches[:, self.kinds.names.index(kind)]
 
-    def _places(self, streams: tuple[int, ...], time: Tensor) -> Tensor:
-        """Fresh places for all objects at `time` [1], [B, M, 2]; those that are held lie in their holder's disc."""
+    def _places(self, streams: tuple[int, ...], time: Tensor, moving: Tensor | None = None) -> Tensor:
+        """Fresh places for all objects at `time` [1], [B, M, 2]; those that are held lie in their holder's disc.
+
+        `moving`, bool [B, M], says which will move there; None is all, at the start.
+        """
         kinds, trials = self.kinds, len(self.draws.trials)
         drawn = []
         for k, name in enumerate(kinds.names):
             count = self.config.kinds[name].count
-            drawn.append(self.draws.uniform(streams[k], time, 4 * count)[0].view(trials, count, 4))
-        uniform = torch.cat(drawn, 1)  # [B, M free, 4]
+            drawn.append(
+                self.draws.uniform(streams[k], time, 4 * count * self.attempts)[0].view(trials, self.attempts, count, 4)
+            )
+        tried = torch.cat(drawn, 2)  # [B, attempts, M free, 4]
+        uniform = tried[:, 0] if self.attempts == 1 else self._clear(tried, moving)
         places = self.config.side * uniform[..., :2]
         holder = kinds.holder[kinds.free :]
-        way = in_disc(kinds.radius[kinds.kind[holder]], uniform[:, holder, 2], uniform[:, holder, 3])
+        way = in_disc(kinds.room[kinds.kind[holder]], uniform[:, holder, 2], uniform[:, holder, 3])
         held = torch.remainder(places[:, holder] + torch.stack(way, -1), self.config.side)
         return torch.cat([places, held], 1)
+
+    def _clear(self, tried: Tensor, moving: Tensor | None) -> Tensor:
+        """Of what was tried for each object, the first that is clear of what its kind avoids, or the last.
+
+        One object after the other, in `Kinds.order`: one that has moved is in the way of the next, one that has not
+        been placed yet, at the start, is not.
+
+        Args:
+            tried: uniform in [0, 1), [B, attempts, M free, 4], of which the first two are a place. [B, M free, 4] back.
+            moving: as for `_places`.
+        """
+        kinds, side = self.kinds, self.config.side
+        kind = kinds.kind[: kinds.free]
+        radius, solid = kinds.radius[kind], (kinds.effect == ENTERED)[kind]
+        standing = torch.zeros_like(solid) if moving is None else solid.clone()
+        places = side * tried[:, 0, :, :2] if moving is None else self.places[:, : kinds.free].clone()
+        uniform = tried[:, 0].clone()
+        for m in kinds.order:
+            place = side * tried[:, :, m, :2]
+            way, to_robot = (
+                offset(place[:, :, None], places[:, None], side),
+                offset(place, self.position[:, None], side),
+            )
+            overlaps = (
+                within(way[..., 0], way[..., 1], radius[m] + radius)
+                & standing
+                & (torch.arange(kinds.free, device=kind.device) != m)
+            )
+            on_robot = within(to_robot[..., 0], to_robot[..., 1], radius[m])
+            blocked = overlaps.any(2) & kinds.apart[kind[m]] | on_robot & kinds.off_robot[kind[m]]
+            which = torch.where(blocked.all(1), self.attempts - 1, (~blocked).long().argmax(1))
+            uniform[:, m] = tried[:, :, m].gather(1, which[:, None, None].expand(-1, 1, 4))[:, 0]
+            moved = side * uniform[:, m, :2]
+            places[:, m] = moved if moving is None else torch.where(moving[:, m, None], moved, places[:, m])
+            standing[m] = solid[m]
+        return uniform
 
     def step(self, wheels: Tensor, time: Tensor) -> dict[str, Tensor]:
         """Move the robot through one tick; which kinds it touched, bool [B] by name.
 
         1. The robot moves, more slowly if it was inside an object.
-        2. It is inside the object it was in, if it still is, else the nearest that it is in and that is open;
-           entering one is touching it.
+        2. It is inside the object it was in, if it still is, else the nearest that it is in and that is open; or
+           (`overlap: nearest`) the nearest of these in any case. Entering one is touching it.
         3. Objects within touch are taken, and reappear elsewhere; a holder moves with what it holds, is locked
            again, and the robot is outside.
         4. What was touched opens what it opens, and gives what is released its sign.
@@ -123,10 +166,9 @@ class World(nn.Module):
         self.position.copy_(torch.stack([x, y], 1))
         self.heading.copy_(heading)
         dx, dy = self._way()
-        squared, radius = dx * dx + dy * dy, kinds.radius[kinds.kind]
-        within = squared < radius * radius
-        entered = self._enter(squared, within)
-        taken = within & (kinds.effect[kinds.kind] == TAKEN) & (kinds.home == self._place()[:, None])
+        touching = within(dx, dy, kinds.radius[kinds.kind])
+        entered = self._enter(dx * dx + dy * dy, touching)
+        taken = touching & (kinds.effect[kinds.kind] == TAKEN) & (kinds.home == self._place()[:, None])
         self._move(taken, time)
         touched = torch.zeros_like(self.touches).index_add_(1, kinds.kind, (taken | entered).long())
         self.touches += touched
@@ -147,26 +189,29 @@ class World(nn.Module):
         """From where the robot senses and touches: the object it is in, if that hides, else OUTSIDE; int64 [B]."""
         return torch.where(self.kinds.hides[self._kind_inside()], self.inside, OUTSIDE)
 
-    def _enter(self, squared: Tensor, within: Tensor) -> Tensor:
+    def _enter(self, squared: Tensor, touching: Tensor) -> Tensor:
         """Bring `inside` up to date; which object was entered just now, bool [B, M]."""
         kinds = self.kinds
         if not len(kinds.kind):
-            return within
-        stays = (self.inside >= 0) & within.gather(1, self.inside.clamp_min(0)[:, None])[:, 0]
+            return touching
+        objects = torch.arange(len(kinds.kind), device=touching.device)
+        before = objects == self.inside[:, None]
         is_open = (self.unlocked | ~kinds.locked)[:, kinds.kind]
-        allowed = within & is_open & (kinds.effect[kinds.kind] == ENTERED)
+        allowed = touching & (is_open | before) & (kinds.effect[kinds.kind] == ENTERED)
+        if self.config.overlap == "stays":
+            allowed = torch.where((allowed & before).any(1, keepdim=True), before, allowed)
         nearest = torch.where(allowed, squared, torch.inf).argmin(1)
-        enters = ~stays & allowed.any(1)
-        self.inside.copy_(torch.where(stays, self.inside, torch.where(enters, nearest, OUTSIDE)))
-        return enters[:, None] & (torch.arange(len(kinds.kind), device=within.device) == nearest[:, None])
+        self.inside.copy_(torch.where(allowed.any(1), nearest, OUTSIDE))
+        return allowed & ~before & (objects == nearest[:, None])
 
     def _move(self, taken: Tensor, time: Tensor) -> None:
         """Put what was taken elsewhere, with its holder, which is locked again; the robot is then outside of it."""
         kinds = self.kinds
         emptied = torch.zeros_like(taken, dtype=torch.int64)
         emptied.index_add_(1, kinds.holder[kinds.free :], taken[:, kinds.free :].long())
-        places = self._places(kinds.moved, time.view(1))
-        self.places.copy_(torch.where((taken | (emptied > 0))[..., None], places, self.places))
+        moving = taken | (emptied > 0)
+        places = self._places(kinds.moved, time.view(1), moving)
+        self.places.copy_(torch.where(moving[..., None], places, self.places))
         locked = torch.zeros_like(self.touches).index_add_(1, kinds.kind, emptied)
         self.unlocked &= locked == 0
         if len(kinds.kind):

@@ -37,6 +37,8 @@ class CodingArrays(NamedTuple):
     touch_gain: Any  # real
     touch_thresholds: Any
     exploration_thresholds: Any
+    exploration_gain: Any  # real
+    held: Any  # whether exploration is drawn once for all ms of a tick
 
 
 def coding_arrays(coding: Coding, network: Network, world: World) -> CodingArrays:
@@ -57,11 +59,13 @@ def coding_arrays(coding: Coding, network: Network, world: World) -> CodingArray
         np.array([0 if name is None else stream("touch", name) for name in touches]),
         np.array([stream("exploration", name) for name in coding.motors]),
         stream("exploring side"),
-        config.range_mean,
-        real(config.range_gain),
-        real(config.touch_gain),
+        coding.range_mean,
+        real(coding.range_gain),
+        real(coding.touch_gain),
         coding.touch_thresholds.numpy(),
         coding.exploration_thresholds.numpy(),
+        real(config.exploration_gain),
+        coding.held,
     )
 
 
@@ -93,6 +97,20 @@ def clear(t, w, ticks, group):
             store(w.injected, k * t.places + block * LANES, nothing)
 
 
+def explore(t, w, coding, number, group, stream, time):
+    """The exploring motor's current in every ms of the tick."""
+    size, place, gain = t.groups[group, SIZE], t.groups[group, PLACE], coding.exploration_gain
+    drawn, thresholds = 1 if coding.held else coding.tick, coding.exploration_thresholds
+    fill_counts(w.injected, place, t.places, size, t.seed, stream, number, time, drawn, thresholds)
+    if gain != 1.0:
+        for k in range(drawn):
+            for i in range(k * t.places + place, k * t.places + place + size):
+                w.injected[i] *= gain
+    for k in range(drawn, coding.tick):
+        for i in range(place, place + size):
+            w.injected[k * t.places + i] = w.injected[i]
+
+
 def encode(t, w, world, coding, trial, time, touched, table):
     """The tick's injected current; returns the motor that explores."""
     number = t.trials[trial]
@@ -100,9 +118,7 @@ def encode(t, w, world, coding, trial, time, touched, table):
     motor = 1 if uniform(t.seed, coding.side_stream, number, time, 0) >= 0.5 else 0
     group, other = coding.motors[motor], coding.motors[1 - motor]
     clear(t, w, coding.tick, other)
-    size, place, stream = t.groups[group, SIZE], t.groups[group, PLACE], coding.exploration_streams[motor]
-    thresholds = coding.exploration_thresholds
-    fill_counts(w.injected, place, t.places, size, t.seed, stream, number, time, coding.tick, thresholds)
+    explore(t, w, coding, number, group, coding.exploration_streams[motor], time)
     for r in range(len(coding.ranges)):
         eye, value = sense(world, trial, r)
         if value > 0.0:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from snnrl.engines.fused.vectors import DRAWN, as_real, counting, half, joined, load_drawn, select, store
-from snnrl.model.draws import BITS, MASK, count_up, philox
-from snnrl.model.neurons import uniform_noise
+from snnrl.model.draws import BITS, MASK, bell, count_up, philox
+from snnrl.model.neurons import gaussian_noise, kicked, uniform_noise
 
 UNUSED = 32 - BITS
 UNIT = 2.0**-BITS
@@ -57,6 +57,47 @@ def fill_noise(out, at, stride, size, seed, stream, trial, time, steps, current,
             replace(out, here + stride, mine, uniform_noise(as_real(w1, current) * UNIT, current, amplitude))
             replace(out, here + 2 * stride, mine, uniform_noise(as_real(w2, current) * UNIT, current, amplitude))
             replace(out, here + 3 * stride, mine, uniform_noise(as_real(w3, current) * UNIT, current, amplitude))
+        at += 4 * stride
+
+
+def bells(seed, stream, trial, block, index, size):
+    """Four draws of `bell` like those of `four_times`; `size` indices come between two of the draws for one of them."""
+    a0, a1, a2, a3 = four_times(seed, stream, trial, block, index)
+    b0, b1, b2, b3 = four_times(seed, stream, trial, block, index + size)
+    c0, c1, c2, c3 = four_times(seed, stream, trial, block, index + 2 * size)
+    d0, d1, d2, d3 = four_times(seed, stream, trial, block, index + 3 * size)
+    return bell(a0, b0, c0, d0), bell(a1, b1, c1, d1), bell(a2, b2, c2, d2), bell(a3, b3, c3, d3)
+
+
+def add_gaussian(out, at, stride, size, seed, stream, trial, time, steps, scale):
+    """Add Gaussian currents to those that `fill_noise` has filled; the rest as there."""
+    for block in range(time >> 2, ((time + steps - 1) >> 2) + 1):
+        for index in range(0, size, DRAWN):
+            b0, b1, b2, b3 = bells(seed, stream, trial, block, index, size)
+            mine, here = counting(index, DRAWN) < size, at + index
+            replace(out, here, mine, gaussian_noise(load_drawn(out, here), as_real(b0, scale), scale))
+            here += stride
+            replace(out, here, mine, gaussian_noise(load_drawn(out, here), as_real(b1, scale), scale))
+            here += stride
+            replace(out, here, mine, gaussian_noise(load_drawn(out, here), as_real(b2, scale), scale))
+            here += stride
+            replace(out, here, mine, gaussian_noise(load_drawn(out, here), as_real(b3, scale), scale))
+        at += 4 * stride
+
+
+def add_kicks(out, at, stride, size, seed, stream, trial, time, steps, kick, below):
+    """Add kicks to the currents that `fill_noise` has filled; the rest as there."""
+    for block in range(time >> 2, ((time + steps - 1) >> 2) + 1):
+        for index in range(0, size, DRAWN):
+            w0, w1, w2, w3 = four_times(seed, stream, trial, block, index)
+            mine, here = counting(index, DRAWN) < size, at + index
+            replace(out, here, mine, kicked(load_drawn(out, here), w0, below, kick))
+            here += stride
+            replace(out, here, mine, kicked(load_drawn(out, here), w1, below, kick))
+            here += stride
+            replace(out, here, mine, kicked(load_drawn(out, here), w2, below, kick))
+            here += stride
+            replace(out, here, mine, kicked(load_drawn(out, here), w3, below, kick))
         at += 4 * stride
 
 

@@ -81,7 +81,7 @@ class FusedEngine:
             return
         _check_compiled(*situation.modules())
         world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
-        size, kinds = poisson_table_size(situation.coding.config.range_mean), len(situation.world.kinds.names)
+        size, kinds = poisson_table_size(situation.coding.range_mean), len(situation.world.kinds.names)
         bound, state = self.bind(network)
         kernel = kernels(bound.functions, _real(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
@@ -206,7 +206,7 @@ def _describe(network: Network) -> tuple[Any, ...]:
         (network.draws.seed, id(network.draws.trials)),
         [(name, item) for name, item in network.homeostasis.items()],
         [(p.rule, p.listens) for p in network.projections.values()],
-        [(g.model, g.current, g.noise) for g in network.groups.values()],
+        [(g.model, g.current, g.noise, g.gaussian, g.kick, g.kick_rate) for g in network.groups.values()],
         [
             (m.sources, m.released, m.values, m.baseline, m.tau, m.delay, m.smoothing, m.signed, m.reward)
             for m in network.modulators.values()

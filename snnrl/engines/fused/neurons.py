@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from snnrl.engines.fused.compiler import placeholder, spelled
-from snnrl.engines.fused.draws import fill_noise
+from snnrl.engines.fused.draws import add_gaussian, add_kicks, fill_noise
 from snnrl.engines.fused.vectors import LANES, load, lowest_bit, mask_bits, store
 from snnrl.engines.fused.work import NOISY
 from snnrl.engines.layout import NOISE_AT, NOISE_SIZE, NOISE_STREAM, Functions
@@ -64,8 +64,13 @@ def draw_noise(t, w, trial, time, steps):
     step = noise_step(t)
     for q in range(t.noises.shape[0]):
         at, size, stream = t.places + t.noises[q, NOISE_AT], t.noises[q, NOISE_SIZE], t.noises[q, NOISE_STREAM]
-        current, amplitude = t.noise_values[q, 0], t.noise_values[q, 1]
-        fill_noise(w.background, at, step, size, t.seed, stream, t.trials[trial], time, steps, current, amplitude)
+        one, other, number = t.noise_values[q, 0], t.noise_values[q, 1], t.trials[trial]
+        if q < t.uniform:
+            fill_noise(w.background, at, step, size, t.seed, stream, number, time, steps, one, other)
+        elif q < t.gaussian:
+            add_gaussian(w.background, at, step, size, t.seed, stream, number, time, steps, one)
+        else:
+            add_kicks(w.background, at, step, size, t.seed, stream, number, time, steps, one, int(other))
     return time & 3
 
 

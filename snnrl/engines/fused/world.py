@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from snnrl.body.world.geometry import drive, in_disc, offset
+from snnrl.body.world.geometry import drive, in_disc, offset, within
 from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.body.world.world import World
@@ -32,17 +32,24 @@ class WorldArrays(NamedTuple):
     seconds: Any  # of a tick
     radius: Any
     speed: Any
+    room: Any
     effect: Any
     hides: Any
     signs: Any
     turns: Any
+    off_robot: Any
+    apart: Any
     opens: Any
     locked: Any
     moved: Any
+    counts: Any
     kind: Any
     number: Any
     holder: Any
     home: Any
+    free: Any
+    attempts: Any
+    stays: Any  # whether the robot stays in the object it is in, though the centre of another be nearer
     reach: Any  # float64 [R]
     to_border: Any  # float64 [R], 1 or 0
     sees: Any  # bool [R, K]
@@ -52,7 +59,7 @@ def world_arrays(world: World) -> WorldArrays:
     """Share memory with a world's tensors."""
     kinds, config, sensors = world.kinds, world.config, list(world.config.ranges.values())
     shared = {key: getattr(world, key).numpy() for key in WorldArrays._fields[:7]}
-    described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:23] if key != "signs"}
+    described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:27] if key != "signs"}
     sees = [[name in world.sees[sensor] for name in kinds.names] for sensor in config.ranges]
     return WorldArrays(
         **shared,
@@ -61,6 +68,9 @@ def world_arrays(world: World) -> WorldArrays:
         side=config.side,
         axle=config.axle,
         seconds=world.tick / 1000.0,
+        free=kinds.free,
+        attempts=world.attempts,
+        stays=config.overlap == "stays",
         reach=np.array([sensor.reach for sensor in sensors]),
         to_border=np.array([float(sensor.measured_to == "border") for sensor in sensors]),
         sees=np.array(sees, bool).reshape(-1, len(kinds.names)),
@@ -105,13 +115,13 @@ def enter(world, trial, touched):
             continue
         dx, dy = way_to(world, trial, m)
         squared = dx * dx + dy * dy
-        if squared < world.radius[k] * world.radius[k]:
-            if m == inside:
+        if within(dx, dy, world.radius[k]):
+            if m == inside and world.stays:
                 return
-            if squared < closest and (world.unlocked[trial, k] or not world.locked[k]):
+            if squared < closest and (m == inside or world.unlocked[trial, k] or not world.locked[k]):
                 nearest, closest = m, squared
     world.inside[trial] = nearest
-    if nearest >= 0:
+    if nearest >= 0 and nearest != inside:
         touched[world.kind[nearest]] += 1
 
 
@@ -123,26 +133,47 @@ def take(world, seed, number, trial, time, touched):
         if world.effect[k] != TAKEN or world.home[m] != place:
             continue
         dx, dy = way_to(world, trial, m)
-        if dx * dx + dy * dy < world.radius[k] * world.radius[k]:
+        if within(dx, dy, world.radius[k]):
             touched[k] += 1
             put_elsewhere(world, seed, number, trial, time, m)
+
+
+def is_clear(world, trial, m, x, y):
+    """Whether a place is clear of what an object's kind avoids."""
+    k = world.kind[m]
+    if world.off_robot[k]:
+        dx = offset(x, world.position[trial, 0], world.side)
+        if within(dx, offset(y, world.position[trial, 1], world.side), world.radius[k]):
+            return False
+    for other in range(world.free if world.apart[k] else 0):
+        if other != m and world.effect[world.kind[other]] == ENTERED:
+            dx = offset(x, world.places[trial, other, 0], world.side)
+            dy = offset(y, world.places[trial, other, 1], world.side)
+            if within(dx, dy, world.radius[k] + world.radius[world.kind[other]]):
+                return False
+    return True
 
 
 def put_elsewhere(world, seed, number, trial, time, m):
     """Move what was taken, with its holder, which is locked again; the robot is then outside of it."""
     holder = world.holder[m]
     free = holder if holder >= 0 else m
-    stream, first = world.moved[world.kind[free]], 4 * world.number[m]
-    x = world.side * uniform(seed, stream, number, time, first)
-    y = world.side * uniform(seed, stream, number, time, first + 1)
+    stream, count = world.moved[world.kind[free]], world.counts[world.kind[free]]
+    first, x, y = 0, 0.0, 0.0
+    for attempt in range(world.attempts):
+        first = 4 * (attempt * count + world.number[m])
+        x = world.side * uniform(seed, stream, number, time, first)
+        y = world.side * uniform(seed, stream, number, time, first + 1)
+        if is_clear(world, trial, free, x, y):
+            break
     world.places[trial, free, 0], world.places[trial, free, 1] = x, y
     if holder >= 0:
-        radius = world.radius[world.kind[holder]]
+        room = world.room[world.kind[holder]]
         one, other = (
             uniform(seed, stream, number, time, first + 2),
             uniform(seed, stream, number, time, first + 3),
         )
-        dx, dy = in_disc(radius, one, other)
+        dx, dy = in_disc(room, one, other)
         world.places[trial, m, 0], world.places[trial, m, 1] = (x + dx) % world.side, (y + dy) % world.side
         world.unlocked[trial, world.kind[holder]] = False
         if world.inside[trial] == holder:
