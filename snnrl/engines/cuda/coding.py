@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import cuda
 
+from snnrl.engines.cuda.compiler import barrier, real
 from snnrl.engines.cuda.network import begin, step, work_of
 from snnrl.engines.cuda.poisson import poisson_of_mean
 from snnrl.engines.fused.coding import decode
@@ -38,14 +39,14 @@ def inject(t, w, coding, trial, now, first, largest):
                 if coding.ranges[r, eye] == g and w.seen[r] > 0.0:
                     draw = bits(t.seed, coding.range_streams[r, eye], number, now, index)
                     count = poisson_of_mean(draw * UNIT, coding.range_mean * w.seen[r], largest)
-                    w.injected[n] += coding.range_gain * real(count)  # noqa: F821
+                    w.injected[n] += coding.range_gain * real(count)
             for kind in range(coding.touches.shape[0]):
                 if coding.touches[kind] == g and w.touched[kind] > 0:
                     draw = bits(t.seed, coding.touch_streams[kind], number, now, index)
-                    w.injected[n] += coding.touch_gain * real(poisson(draw, coding.touch_thresholds))  # noqa: F821
+                    w.injected[n] += coding.touch_gain * real(poisson(draw, coding.touch_thresholds))
         if g == explorer:
             draw = bits(t.seed, coding.exploration_streams[w.motor[0]], number, now, index)
-            w.injected[n] += real(poisson(draw, coding.exploration_thresholds))  # noqa: F821
+            w.injected[n] += real(poisson(draw, coding.exploration_thresholds))
 
 
 def poisson(draw, thresholds):
@@ -65,7 +66,7 @@ def run_robot(t, s, scratch, world, coding, largest, time, ticks, raster):
         first = time + k * coding.tick
         if w.lane == 0:
             begin_tick(t.tables, s, w, world, coding, trial, first)
-        barrier()  # noqa: F821
+        barrier()
         for row in range(coding.tick):
             inject(t.tables, w, coding, trial, first + row, first, largest)
-            step(t, s, w, trial, first + row, w.sign[0], real(0.0), raster, k * coding.tick + row)  # noqa: F821
+            step(t, s, w, trial, first + row, w.sign[0], real(0.0), raster, k * coding.tick + row)

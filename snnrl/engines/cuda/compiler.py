@@ -9,6 +9,7 @@ numbers of NumPy.
 from __future__ import annotations
 
 import dis
+import math
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,24 +21,33 @@ from typing import Any
 import numpy as np
 import torch
 from numba import cuda
-from numba.core import config as numba_config
 
 from snnrl.engines.cuda import scalars
-from snnrl.engines.fused.compiler import NUMBERS
+from snnrl.engines.fused.compiler import NUMBERS, placeholder, settings
 from snnrl.errors import ConfigError
 
-SIMULATED = bool(numba_config.ENABLE_CUDASIM)
+SIMULATED = bool(settings.ENABLE_CUDASIM)
+jit: Any = cuda.jit
 KNOWN = {name: value for name, value in vars(scalars).items() if isinstance(value, FunctionType)}
 _UNKNOWN = object()
 
 
+@placeholder
 def barrier():
     """All threads of a block wait for each other."""
+
+
+@placeholder
+def real(number):
+    """A number in the network's precision."""
+
+
+def _wait():
     cuda.syncthreads()
 
 
-def _simulated_barrier() -> None:
-    threading.current_thread().syncthreads()  # type: ignore[attr-defined]
+def _wait_simulated():
+    threading.current_thread().syncthreads()
 
 
 @contextmanager
@@ -70,15 +80,15 @@ class Program:
 
     def __init__(self, real: Any, names: Mapping[str, Any]) -> None:
         self.real = real
-        self.names = {**names, "real": real, "barrier": _simulated_barrier if SIMULATED else barrier}
+        self.names = {**names, "real": real, "barrier": _wait_simulated if SIMULATED else _wait}
         self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
 
     def kernel(self, function: Callable[..., Any]) -> Any:
         """A kernel, to be launched."""
         options = {} if SIMULATED else {"lto": False}  # linking optimises again, and would fuse; see `unfused`
-        return cuda.jit(**options)(self.seen(function, self.real))
+        return jit(**options)(self.seen(function, self.real))
 
-    def seen(self, function: Callable[..., Any], real: Any) -> FunctionType:
+    def seen(self, function: Any, real: Any) -> FunctionType:
         """A function whose names and constants mean what they do in compiled code.
 
         Raises:
@@ -94,12 +104,11 @@ class Program:
         scope["__name__"] = __name__
         return FunctionType(code.replace(co_consts=constants), scope, function.__name__, None, function.__closure__)
 
-    def _compile(self, function: Callable[..., Any], real: Any) -> Any:
-        real = np.float64 if getattr(function, "__globals__", {}).get("PRECISION") == torch.float64 else real
+    def _compile(self, function: FunctionType, real: Any) -> Any:
+        real = np.float64 if function.__globals__.get("PRECISION") == torch.float64 else real
         if (function, real) not in self._known:
-            found = self.seen(function, real) if function is not _simulated_barrier else function
-            made = found if SIMULATED else cuda.jit(device=True, forceinline=True)(found)
-            self._known[function, real] = made
+            found = self.seen(function, real)
+            self._known[function, real] = found if SIMULATED else jit(device=True, forceinline=True)(found)
         return self._known[function, real]
 
     def _as_seen(self, name: str, function: FunctionType, real: Any) -> Any:
@@ -108,6 +117,8 @@ class Program:
         assert not hasattr(value, "placeholder"), f"{function.__name__}: {name} stands for nothing"
         if value is torch:
             return self._torch(function, real)
+        if value is math and SIMULATED:
+            return np  # whose numbers keep their precision, and do not raise
         if isinstance(value, NUMBERS) and not SIMULATED:
             return real(value)
         if isinstance(value, FunctionType):

@@ -33,7 +33,7 @@ from snnrl.errors import ConfigError
 from snnrl.model.draws import poisson_table_size
 from snnrl.model.network import Network, SynapseTable
 
-LANES = 8 if SIMULATED else 256  # most threads of a block; each of the simulator's is one of Python's
+LANES = 4 if SIMULATED else 256  # most threads of a block; each of the simulator's is one of Python's
 LEAST = 4 if SIMULATED else 32
 TICKS = 100  # of a launch at most: the interpreter cannot be interrupted before it ends
 
@@ -152,7 +152,7 @@ def _launch(kernel: Any, trials: int, lanes: int, given: Iterable[Any]) -> None:
             kernel[trials, lanes](*given)
         except NumbaError as error:
             line = str(error).strip().splitlines()[-1]
-            raise ConfigError("engine", "cuda", f"cannot compile this network ({line}); use engine=reference") from error
+            raise ConfigError("engine", "cuda", f"cannot compile it ({line}); use engine=reference") from error
     cuda.synchronize()
 
 

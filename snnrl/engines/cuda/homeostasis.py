@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from snnrl.engines.cuda.compiler import barrier
 from snnrl.engines.cuda.plasticity import span
 from snnrl.engines.layout import SET
 from snnrl.model.homeostasis import lowered
@@ -31,11 +32,11 @@ def total_weight(t, s, w, trial, k):
     w.partial[w.lane] = mine
     half = w.lanes // 2
     while half > 0:
-        barrier()  # noqa: F821
+        barrier()
         if w.lane < half:
             w.partial[w.lane] += w.partial[w.lane + half]
         half //= 2
-    barrier()  # noqa: F821
+    barrier()
     total = w.partial[0]
-    barrier()  # noqa: F821  # before it becomes another set's
+    barrier()  # before it becomes another set's
     return total

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 
 from numba import cuda
 
+from snnrl.engines.cuda.compiler import barrier, real
 from snnrl.engines.cuda.homeostasis import dampen
 from snnrl.engines.cuda.neurons import count_spikes, update_cells
 from snnrl.engines.cuda.plasticity import learn, send
@@ -56,21 +57,21 @@ def modulate(t, w, now, any_fired, sign, reward):
 def step(t, s, w, trial, now, sign, reward, raster, row):
     """One ms of a trial, whose current from outside is in `injected`; the order is that of `Network.step`."""
     update_cells(t, s, w, trial, now, raster, row)
-    barrier()  # noqa: F821
+    barrier()
     any_fired = w.latest[0] == now
     if any_fired:
         count_spikes(t, s, w, trial)
-        barrier()  # noqa: F821
+        barrier()
     if w.lane == 0:
         modulate(t.tables, w, now, any_fired, sign, reward)
-    barrier()  # noqa: F821
+    barrier()
     if t.tables.signals.shape[0] > 0:
         learn(t.tables, s, w, trial, now, any_fired)
         dampen(t.tables, t.wiring.least, s, w, trial)
     if any_fired:
-        barrier()  # noqa: F821
+        barrier()
         send(t.tables, t.wiring, s, w, trial, now)
-    barrier()  # noqa: F821
+    barrier()
 
 
 def run_network(t, s, scratch, time, injected, sign, raster, reward):
@@ -81,7 +82,7 @@ def run_network(t, s, scratch, time, injected, sign, raster, reward):
     for k in range(injected.shape[0]):
         for n in range(w.lane, injected.shape[2], w.lanes):
             w.injected[n] = injected[k, trial, n]
-        given = reward[k, trial] if reward.shape[0] > 0 else real(0.0)  # noqa: F821
+        given = reward[k, trial] if reward.shape[0] > 0 else real(0.0)
         step(t, s, w, trial, time + k, sign[trial], given, raster, k)
 
 
@@ -90,4 +91,4 @@ def begin(w):
     if w.lane == 0:
         w.latest[0] = -1
         w.first[0] = 0
-    barrier()  # noqa: F821
+    barrier()

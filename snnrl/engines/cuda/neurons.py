@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from snnrl.engines.cuda.compiler import real
 from snnrl.engines.fused.compiler import placeholder, spelled
 from snnrl.engines.fused.draws import uniform
 from snnrl.engines.layout import NOISE_STREAM, SIZE, START, Functions
@@ -23,7 +24,7 @@ def background(t, g, trial, n, now):
         return t.tables.background[n]
     stream, index = t.tables.noises[noise, NOISE_STREAM], n - t.tables.groups[g, START]
     draw = uniform(t.tables.seed, stream, t.tables.trials[trial], now, index)
-    return uniform_noise(real(draw), t.tables.noise_values[noise, 0], t.tables.noise_values[noise, 1])  # noqa: F821
+    return uniform_noise(real(draw), t.tables.noise_values[noise, 0], t.tables.noise_values[noise, 1])
 
 
 def update_cells(t, s, w, trial, now, raster, row):

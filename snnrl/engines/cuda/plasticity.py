@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from snnrl.engines.cuda.compiler import real
 from snnrl.engines.fused.compiler import placeholder
 from snnrl.engines.layout import (
     BOUNDS,
@@ -39,7 +40,7 @@ def look_up(t, first, end, elapsed):
 
 def paired(t, s, w, trial, now, rule, pre, post):
     """What the pairs that this ms's spikes complete add to an eligibility."""
-    depresses, rise, fall = t.rules[rule, DEPRESSES], real(0.0), real(0.0)  # noqa: F821
+    depresses, rise, fall = t.rules[rule, DEPRESSES], real(0.0), real(0.0)
     if w.fired[post]:
         since = w.earlier[pre] if depresses else s.last_spike[trial, pre]
         rise = look_up(t, t.rules[rule, GAINS], t.rules[rule, GAINS_END], now - since)

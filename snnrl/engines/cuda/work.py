@@ -11,6 +11,7 @@ from torch import Tensor
 from snnrl.engines.layout import NONE, SOURCES_END, Tables
 from snnrl.model.network import Network
 
+
 class State(NamedTuple):
     """A network's tensors as arrays, see `Network`; of all modulators side by side. R sources of releases in all."""
 
