@@ -12,6 +12,7 @@ import subprocess
 import sys
 import traceback
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -229,7 +230,9 @@ def compiling(monkeypatch: pytest.MonkeyPatch) -> Any:
     kept: list[tuple[Any, Any]] = []
     monkeypatch.setattr(cuda, "is_available", lambda: True)
     monkeypatch.setattr(engine, "_array", Tensor.numpy)
-    monkeypatch.setattr(engine, "_launch", lambda kernel, trials, lanes, given: kept.append((kernel, given)))
+    monkeypatch.setattr(engine.CudaEngine, "_current", lambda self, network: nullcontext())
+    monkeypatch.setattr(engine, "_start", lambda kernel, configuration, given: kept.append((kernel, given)))
+    monkeypatch.setattr("torch.cuda.synchronize", lambda device: None)
     device = SimpleNamespace(compute_capability=(8, 0))
     monkeypatch.setattr("numba.cuda.dispatcher.get_current_device", lambda: device)
     engine.kernels.cache_clear()
@@ -247,6 +250,13 @@ def compiling(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     yield made, compiled
     engine.kernels.cache_clear()
+
+
+def machine_code(assembly: str) -> bytes:
+    """What NVIDIA's assembler makes of it: it knows limits on arguments, registers and names."""
+    from cuda.core import Linker, LinkerOptions, ObjectCode
+
+    return Linker(ObjectCode.from_ptx(assembly.encode()), options=LinkerOptions(arch="sm_80")).link("cubin").code
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -268,6 +278,7 @@ def test_kernels_compile_for_a_gpu_and_keep_products_and_sums_apart(compiling: A
         assert ".entry" in text
         assert "fma." not in text
         assert "bar.sync" in text
+        assert machine_code(text)
         assert ("mul.rn.f64" if dtype == "float64" else "mul.rn.f32") in text
 
 
@@ -278,10 +289,9 @@ def test_by_itself_the_compiler_would_fuse_products_and_sums(compiling: Any) -> 
     assert "fma." in compiled()["run_network"]
 
 
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_a_run_ends_in_one_line(tmp_path: Path) -> None:
     pytest.importorskip("numba.cuda")
-    if torch.cuda.is_available():
-        pytest.skip("there is a GPU")
     command = [sys.executable, "-m", "snnrl.run", "+experiment=food_attraction", "engine=cuda", "trials=1"]
     command += ["seconds=0.7", f"hydra.run.dir={tmp_path}/out"]
     root = Path(__file__).parents[1]
@@ -290,6 +300,17 @@ def test_without_a_gpu_a_run_ends_in_one_line(tmp_path: Path) -> None:
     assert done.returncode != 0
     lines = done.stderr.strip().splitlines()
     assert lines == ["snnrl.run: engine=cuda: finds no NVIDIA GPU and its driver on this machine"]
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
+def test_without_a_gpu_its_speed_is_not_measured() -> None:
+    pytest.importorskip("numba.cuda")
+    root = Path(__file__).parents[1]
+    command = [sys.executable, "tools/bench.py", "--device", "cuda"]
+    environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "0"}
+    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode != 0
+    assert done.stderr.splitlines() == ["bench.py: engine=cuda: finds no NVIDIA GPU and its driver on this machine"]
 
 
 def test_without_numba_cuda_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

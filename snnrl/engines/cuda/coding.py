@@ -5,7 +5,8 @@ from __future__ import annotations
 from numba import cuda
 
 from snnrl.engines.cuda.compiler import barrier, real
-from snnrl.engines.cuda.network import begin, step, work_of
+from snnrl.engines.cuda.network import ELEMENT, SHARED, begin, step
+from snnrl.engines.cuda.plasticity import store_synapses
 from snnrl.engines.cuda.poisson import poisson_of_mean
 from snnrl.engines.fused.coding import decode
 from snnrl.engines.fused.draws import UNIT, bits, uniform
@@ -60,8 +61,8 @@ def poisson(draw, thresholds):
 def run_robot(t, s, scratch, world, coding, largest, time, ticks, raster):
     """Closed loop: `ticks` control ticks. No count of spikes of a range sensor is `largest` or more."""
     trial = cuda.blockIdx.x
-    w = work_of(s, scratch, trial, cuda.threadIdx.x, cuda.blockDim.x)
-    begin(w)
+    memory = cuda.shared.array(0, ELEMENT) if SHARED else scratch.memory[trial]
+    w = begin(t, s, scratch, memory, trial, cuda.threadIdx.x, cuda.blockDim.x)
     for k in range(ticks):
         first = time + k * coding.tick
         if w.lane == 0:
@@ -70,3 +71,4 @@ def run_robot(t, s, scratch, world, coding, largest, time, ticks, raster):
         for row in range(coding.tick):
             inject(t.tables, w, coding, trial, first + row, first, largest)
             step(t, s, w, trial, first + row, w.sign[0], real(0.0), raster, k * coding.tick + row)
+    store_synapses(t.tables, t.wiring, s, w, trial)

@@ -83,10 +83,12 @@ class Program:
         self.names = {**names, "real": real, "barrier": _wait_simulated if SIMULATED else _wait}
         self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
 
-    def kernel(self, function: Callable[..., Any]) -> Any:
-        """A kernel, to be launched."""
-        options = {} if SIMULATED else {"lto": False}  # linking optimises again, and would fuse; see `unfused`
-        return jit(**options)(self.seen(function, self.real))
+    def kernel(self, function: Callable[..., Any], threads: int) -> Any:
+        """A kernel, to be launched with blocks of so many threads at most."""
+        if SIMULATED:
+            return jit(self.seen(function, self.real))
+        # linking optimises again, and would fuse (see `unfused`); two blocks have room on a multiprocessor
+        return jit(lto=False, launch_bounds=(threads, 2))(self.seen(function, self.real))
 
     def seen(self, function: Any, real: Any) -> FunctionType:
         """A function whose names and constants mean what they do in compiled code.

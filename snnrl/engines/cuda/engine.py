@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -11,7 +12,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 import torch
-from numba import cuda
+from numba import cuda, types
 from numba.core.errors import NumbaError
 from torch import Tensor
 
@@ -35,6 +36,7 @@ from snnrl.model.network import Network, SynapseTable
 
 LANES = 4 if SIMULATED else 256  # most threads of a block; each of the simulator's is one of Python's
 LEAST = 4 if SIMULATED else 32
+ON_CHIP = 48 * 1024  # bytes of shared memory that every block may have
 TICKS = 100  # of a launch at most: the interpreter cannot be interrupted before it ends
 
 
@@ -75,25 +77,20 @@ class CudaEngine:
             run_ticks(self, network, situation, ticks, raster)
             return
         check_compiled(self.name, *situation.modules())
-        bound = self._bind(network)
         coding, world = situation.coding, situation.world
         largest, tick = poisson_table_size(coding.config.range_mean), coding.tick
-        arrays = [
-            _on_device(part, network.device)
-            for part in (world_arrays(world, _array), coding_arrays(coding, network, world, _array))
-        ]
-        kinds, sensors = len(world.kinds.names), len(world.config.ranges)
-        lanes = _lanes(network)
-        scratch = _on_device(scratch_for(network, bound.tables, lanes, kinds, sensors), network.device)
-        modulators, spikes = side_by_side(network, bound.tables), _raster(raster, network)
-        kernel = kernels(bound.functions, real_of(network))[1]
-        state, time = _state(network, modulators), int(network.time)
-        for first in range(0, ticks, TICKS):
-            count = min(TICKS, ticks - first)
-            shown = _array(spikes[first * tick : (first + count) * tick])
-            given = (bound.arrays, state, scratch, *arrays, largest, time + first * tick, count, shown)
-            _launch(kernel, network.trials, lanes, given)
-        put_back(network, modulators)
+        spikes, time = _raster(raster, network), int(network.time)
+        with self._current(network):
+            launch = self._launch(network, len(world.kinds.names), len(world.config.ranges))
+            arrays = [
+                _on_device(part, network.device)
+                for part in (world_arrays(world, _array), coding_arrays(coding, network, world, _array))
+            ]
+            for first in range(0, ticks, TICKS):
+                count = min(TICKS, ticks - first)
+                shown = _array(spikes[first * tick : (first + count) * tick])
+                launch(run_robot, *arrays, largest, time + first * tick, count, shown)
+            launch.end()
         network.time += ticks * tick
 
     def run_network(
@@ -106,23 +103,30 @@ class CudaEngine:
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
-        bound = self._bind(network)
         signs = torch.ones(network.trials, dtype=network.dtype, device=network.device) if sign is None else sign
-        rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
-        given = [_array(tensor.to(network.dtype).contiguous()) for tensor in (injected, signs)]
-        lanes = _lanes(network)
-        scratch = _on_device(scratch_for(network, bound.tables, lanes, 0, 0), network.device)
-        modulators, spikes = side_by_side(network, bound.tables), _array(_raster(raster, network))
-        kernel = kernels(bound.functions, real_of(network))[0]
-        state, time = _state(network, modulators), int(network.time)
-        rewarded = _array(rewards.contiguous())
-        _launch(kernel, network.trials, lanes, (bound.arrays, state, scratch, time, *given, spikes, rewarded))
-        put_back(network, modulators)
+        rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward
+        spikes, time = _raster(raster, network), int(network.time)
+        with self._current(network):
+            launch = self._launch(network, 0, 0)
+            given = [tensor.to(network.dtype).contiguous() for tensor in (injected, signs)]
+            launch(
+                run_network, time, *map(_array, given), _array(spikes), _array(rewards.to(network.dtype).contiguous())
+            )
+            launch.end()
         network.time += len(injected)
 
-    def _bind(self, network: Network) -> _Bound:
+    def _current(self, network: Network) -> AbstractContextManager[Any]:
+        """Lets kernels run where the network is."""
         if network.device.type != self.device:
             raise ConfigError("engine", self.name, f"runs on device={self.device} only, not on {network.device}")
+        return nullcontext() if SIMULATED else cuda.gpus[network.device.index]
+
+    def _launch(self, network: Network, kinds: int, sensors: int) -> Launch:
+        """What launches kernels on a network, in a world of so many kinds and range sensors."""
+        bound = self._bind(network)
+        return Launch(network, bound.tables, bound.functions, bound.arrays, kinds, sensors)
+
+    def _bind(self, network: Network) -> _Bound:
         check_compiled(self.name, *network.modules())
         known, described = self._bound.get(network), describe(network)
         # new tables where the network was moved or cast, or anything of it exchanged
@@ -136,24 +140,61 @@ class CudaEngine:
         return known
 
 
-@cache
-def kernels(functions: Functions, real: Any) -> tuple[Any, Any]:
-    """`run_network` and `run_robot`, compiled for networks of these functions."""
-    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions)})
-    return program.kernel(run_network), program.kernel(run_robot)
+class Launch:
+    """A network made ready for kernels, from their first launch to `end`.
+
+    Args:
+        network, tables, functions, arrays: a network and what is known of it.
+        kinds, sensors: how many its world has.
+    """
+
+    def __init__(
+        self, network: Network, tables: Tables, functions: Functions, arrays: Described, kinds: int, sensors: int
+    ) -> None:
+        self.network, self.lanes = network, _lanes(network)
+        self.modulators = side_by_side(network, tables)
+        memory = 2 * arrays.wiring.synapses  # weights and eligibilities of a trial
+        size = memory * network.pending.itemsize
+        on_chip = size <= ON_CHIP
+        self.kernels = kernels(functions, real_of(network), on_chip)
+        self.shared = size if on_chip else 0
+        room = scratch_for(network, tables, 0 if on_chip else memory, self.lanes, kinds, sensors)
+        self.given = arrays, _state(network, self.modulators), _on_device(room, network.device)
+
+    def __call__(self, kernel: Callable[..., None], *given: Any) -> None:
+        """Run a kernel, and wait until it has ended."""
+        if not SIMULATED:
+            torch.cuda.synchronize(self.network.device)  # torch may work on another stream
+        with unfused(), warnings.catch_warnings():
+            if SIMULATED:
+                warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, where a compiled number just overflows
+            try:
+                _start(
+                    self.kernels[kernel.__name__], (self.network.trials, self.lanes, 0, self.shared), self.given + given
+                )
+            except NumbaError as error:
+                line = str(error).strip().splitlines()[-1]
+                raise ConfigError("engine", "cuda", f"cannot compile it ({line}); use engine=reference") from error
+
+    def end(self) -> None:
+        """Let the network's modules have what has become of them."""
+        put_back(self.network, self.modulators)
 
 
-def _launch(kernel: Any, trials: int, lanes: int, given: Iterable[Any]) -> None:
-    """Run a kernel, and wait until it has ended."""
-    with unfused(), warnings.catch_warnings():
-        if SIMULATED:
-            warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, where a compiled number just overflows
-        try:
-            kernel[trials, lanes](*given)
-        except NumbaError as error:
-            line = str(error).strip().splitlines()[-1]
-            raise ConfigError("engine", "cuda", f"cannot compile it ({line}); use engine=reference") from error
+def _start(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) -> None:
+    kernel[configuration](*given)
     cuda.synchronize()
+
+
+@cache
+def kernels(functions: Functions, real: Any, on_chip: bool) -> dict[str, Any]:
+    """`run_network` and `run_robot`, compiled for networks of these functions.
+
+    `on_chip` is whether weights and eligibilities are in shared memory while they run.
+    """
+    constants = {"SHARED": on_chip, "ELEMENT": types.float64 if real is np.float64 else types.float32}
+    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **constants})
+    return {kernel.__name__: program.kernel(kernel, LANES) for kernel in (run_network, run_robot)}
 
 
 def _lanes(network: Network) -> int:

@@ -9,7 +9,7 @@ from numba import cuda
 from snnrl.engines.cuda.compiler import barrier, real
 from snnrl.engines.cuda.homeostasis import dampen
 from snnrl.engines.cuda.neurons import count_spikes, update_cells
-from snnrl.engines.cuda.plasticity import learn, send
+from snnrl.engines.cuda.plasticity import learn, load_synapses, send, store_synapses
 from snnrl.engines.cuda.work import Work
 from snnrl.engines.fused.modulators import signal_of, step_modulators
 
@@ -21,11 +21,17 @@ class Described(NamedTuple):
     wiring: Any
 
 
-def work_of(s, scratch, trial, lane, lanes):
-    """A thread's view of its trial's scratch."""
-    return Work(
+# what a `Program` says
+SHARED: Any = None  # whether weights and eligibilities are in memory of the block, on its processor
+ELEMENT: Any = None  # numba's type of real numbers
+
+
+def begin(t, s, scratch, memory, trial, lane, lanes):
+    """A thread's view of its trial, which is made ready for the first ms of a launch."""
+    w = Work(
         lane,
         lanes,
+        memory,
         scratch.injected[trial],
         scratch.fired[trial],
         scratch.earlier[trial],
@@ -43,6 +49,12 @@ def work_of(s, scratch, trial, lane, lanes):
         scratch.motor[trial],
         scratch.sign[trial],
     )
+    load_synapses(t.tables, t.wiring, s, w, trial)
+    if lane == 0:
+        w.latest[0] = -1
+        w.first[0] = 0
+    barrier()
+    return w
 
 
 def modulate(t, w, now, any_fired, sign, reward):
@@ -66,8 +78,8 @@ def step(t, s, w, trial, now, sign, reward, raster, row):
         modulate(t.tables, w, now, any_fired, sign, reward)
     barrier()
     if t.tables.signals.shape[0] > 0:
-        learn(t.tables, s, w, trial, now, any_fired)
-        dampen(t.tables, t.wiring.least, s, w, trial)
+        learn(t.tables, t.wiring, s, w, trial, now, any_fired)
+        dampen(t.tables, t.wiring, w, trial)
     if any_fired:
         barrier()
         send(t.tables, t.wiring, s, w, trial, now)
@@ -77,18 +89,11 @@ def step(t, s, w, trial, now, sign, reward, raster, row):
 def run_network(t, s, scratch, time, injected, sign, raster, reward):
     """Open loop: all rows of `injected` [T, B, N]; `reward` is [T, B] or [0, B]."""
     trial = cuda.blockIdx.x
-    w = work_of(s, scratch, trial, cuda.threadIdx.x, cuda.blockDim.x)
-    begin(w)
+    memory = cuda.shared.array(0, ELEMENT) if SHARED else scratch.memory[trial]
+    w = begin(t, s, scratch, memory, trial, cuda.threadIdx.x, cuda.blockDim.x)
     for k in range(injected.shape[0]):
         for n in range(w.lane, injected.shape[2], w.lanes):
             w.injected[n] = injected[k, trial, n]
         given = reward[k, trial] if reward.shape[0] > 0 else real(0.0)
         step(t, s, w, trial, time + k, sign[trial], given, raster, k)
-
-
-def begin(w):
-    """Before the first ms of a launch."""
-    if w.lane == 0:
-        w.latest[0] = -1
-        w.first[0] = 0
-    barrier()
+    store_synapses(t.tables, t.wiring, s, w, trial)

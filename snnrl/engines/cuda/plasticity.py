@@ -6,7 +6,6 @@ from snnrl.engines.cuda.compiler import real
 from snnrl.engines.fused.compiler import placeholder
 from snnrl.engines.layout import (
     BOUNDS,
-    DELAY,
     DEPRESSES,
     GAINS,
     GAINS_END,
@@ -27,10 +26,30 @@ def bound(which, weight, change, values, at):
 
 
 def span(t, p, trial):
-    """Where a trial's synapses of a projection begin and end."""
+    """Where a trial's synapses of a projection begin and end among all."""
     size = t.groups[t.projections[p, PRE], SIZE]
     row = t.projections[p, ROWS] + trial * size
     return t.rows[row], t.rows[row + size]
+
+
+def load_synapses(t, wiring, s, w, trial):
+    """Fetch a trial's weights and eligibilities."""
+    for p in range(t.projections.shape[0]):
+        low, high = span(t, p, trial)
+        place = wiring.begins[p, trial]
+        for k in range(w.lane, high - low, w.lanes):
+            w.memory[place + k] = s.weight[low + k]
+            w.memory[wiring.synapses + place + k] = s.eligibility[low + k]
+
+
+def store_synapses(t, wiring, s, w, trial):
+    """Put them back where they were."""
+    for p in range(t.projections.shape[0]):
+        low, high = span(t, p, trial)
+        place = wiring.begins[p, trial]
+        for k in range(w.lane, high - low, w.lanes):
+            s.weight[low + k] = w.memory[place + k]
+            s.eligibility[low + k] = w.memory[wiring.synapses + place + k]
 
 
 def look_up(t, first, end, elapsed):
@@ -51,7 +70,7 @@ def paired(t, s, w, trial, now, rule, pre, post):
     return rise if w.fired[post] else fall
 
 
-def learn(t, s, w, trial, now, any_fired):
+def learn(t, wiring, s, w, trial, now, any_fired):
     """Steps 4 and 5."""
     for p in range(t.projections.shape[0]):
         rule = t.projections[p, RULE]
@@ -60,12 +79,15 @@ def learn(t, s, w, trial, now, any_fired):
         signal, decay = w.signal[t.projections[p, SIGNAL]], t.fading[rule, 1]
         which, at = t.rules[rule, WEIGHT_RULE], t.rules[rule, BOUNDS]
         low, high = span(t, p, trial)
-        for i in range(low + w.lane, high, w.lanes):
-            eligibility = s.eligibility[i] * decay
+        place = wiring.begins[p, trial]
+        for k in range(w.lane, high - low, w.lanes):
+            here, there = place + k, wiring.synapses + place + k
+            eligibility = w.memory[there] * decay
             if any_fired:
-                eligibility = eligibility + paired(t, s, w, trial, now, rule, t.source[i], t.target[i])
-            s.eligibility[i] = eligibility
-            s.weight[i] = bound(which, s.weight[i], eligibility * signal, t.bounds, at)
+                pre, post = t.source[low + k], t.target[low + k]
+                eligibility = eligibility + paired(t, s, w, trial, now, rule, pre, post)
+            w.memory[there] = eligibility
+            w.memory[here] = bound(which, w.memory[here], eligibility * signal, t.bounds, at)
 
 
 def send(t, wiring, s, w, trial, now):
@@ -73,7 +95,5 @@ def send(t, wiring, s, w, trial, now):
     slots, size = s.pending.shape[1], s.last_spike.shape[1]
     for n in range(w.lane, size, w.lanes):
         for k in range(wiring.entering[trial * size + n], wiring.entering[trial * size + n + 1]):
-            i = wiring.order[k]
-            if w.fired[t.source[i]]:
-                slot = (now + t.projections[wiring.projection[i], DELAY]) % slots
-                s.pending[trial, slot, n] += s.weight[i] * t.gain
+            if w.fired[wiring.source[k]]:
+                s.pending[trial, (now + wiring.delay[k]) % slots, n] += w.memory[wiring.place[k]] * t.gain

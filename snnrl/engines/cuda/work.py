@@ -19,7 +19,7 @@ class State(NamedTuple):
     last_spike: Any
     pending: Any
     spike_count: Any
-    weight: Any
+    weight: Any  # real [S]
     eligibility: Any
     level: Any  # real [B, M, but at least 1]
     total: Any  # float64 [B, M]
@@ -28,13 +28,16 @@ class State(NamedTuple):
 
 
 class Wiring(NamedTuple):
-    """What `Tables` do not say, in the order in which the reference adds: from synapses to neurons."""
+    """What `Tables` do not say. A trial's own synapses are counted from 0, in the network's order: their `place`."""
 
-    entering: Any  # int64 [B * N + 1], where each neuron's synapses begin in `order`
-    order: Any  # int32 [S], synapses by their postsynaptic neuron, otherwise in the network's order
-    projection: Any  # int32 [S], the projection of each
+    begins: Any  # int64 [P, B], place of the first of each projection
+    entering: Any  # int64 [B * N + 1], where each neuron's synapses begin in what follows, in the network's order:
+    place: Any  # int32 [S]
+    source: Any  # int32 [S], presynaptic neurons
+    delay: Any  # int32 [S], ms
     least: Any  # real [P], the least weight
     noise: Any  # int64 [G], the row of a noisy group in `Tables.noises`, or NONE
+    synapses: Any  # the most that a trial has
 
 
 class Work(NamedTuple):
@@ -42,6 +45,7 @@ class Work(NamedTuple):
 
     lane: Any  # which of the threads
     lanes: Any  # how many, a power of two
+    memory: Any  # real [2 * synapses], weights by place, and behind them eligibilities
     injected: Any  # real [N], current from outside in this ms
     fired: Any  # bool [N]
     earlier: Any  # int64 [N], last spikes before this ms
@@ -63,6 +67,7 @@ class Work(NamedTuple):
 class Scratch(NamedTuple):
     """Room for what is in `Work`, of all trials, [B, ...]."""
 
+    memory: Any
     injected: Any
     fired: Any
     earlier: Any
@@ -79,27 +84,37 @@ class Scratch(NamedTuple):
 
 def wiring_of(network: Network, tables: Tables) -> Wiring:
     """The wiring of a network."""
-    post = network.synapses.post.cpu().numpy()
+    table, projections = network.synapses, list(network.projections.values())
+    post = table.post.cpu().numpy()
     order = np.argsort(post, kind="stable")
-    counts = [len(projection.weight) for projection in network.projections.values()]
-    rules = [projection.rule for projection in network.projections.values()]
+    counts = np.array([projection.count.cpu().numpy() for projection in projections], np.int64)
+    counts = counts.reshape(len(projections), network.trials)
+    begins = np.cumsum(counts, 0) - counts
+    # of each part of the table, one projection's synapses of one trial, how far its places are from where it stands
+    shift = begins.ravel() - (np.cumsum(counts) - counts.ravel())
+    place = np.arange(len(post)) + np.repeat(shift, counts.ravel())
+    rules = [projection.rule for projection in projections]
     noisy = np.array([group.noise != 0 for group in network.groups.values()])
     return Wiring(
+        begins=begins,
         entering=np.searchsorted(post[order], np.arange(network.trials * network.size + 1)),
-        order=order.astype(np.int32),
-        projection=np.repeat(np.arange(len(counts)), counts).astype(np.int32),
+        place=place[order].astype(np.int32),
+        source=tables.source[order],
+        delay=table.delay.cpu().numpy()[order].astype(np.int32),
         least=np.array([0.0 if rule is None else rule.weight_min for rule in rules], tables.signals.dtype),
         noise=np.where(noisy, np.cumsum(noisy) - 1, NONE),
+        synapses=int(counts.sum(0).max(initial=0)),
     )
 
 
-def scratch_for(network: Network, tables: Tables, lanes: int, kinds: int, sensors: int) -> Scratch:
+def scratch_for(network: Network, tables: Tables, memory: int, lanes: int, kinds: int, sensors: int) -> Scratch:
     """Room for all trials, as tensors."""
 
     def room(size: int, dtype: torch.dtype) -> Tensor:
         return torch.zeros(network.trials, size, dtype=dtype, device=network.device)
 
     return Scratch(
+        memory=room(memory, network.dtype),
         injected=room(network.size, network.dtype),
         fired=room(network.size, torch.bool),
         earlier=room(network.size, torch.int64),
