@@ -398,7 +398,7 @@ class Config:
     trial_start: int = number(0, least=0, most=2**31)
     seconds: float = number(above=0.0, most=1e9)
     seed: int = number(0, least=0, most=2**63 - 1)
-    engine: str = number("auto", choices=("auto", "reference", "fused"))
+    engine: str = number("auto", choices=("auto", "reference", "fused", "cuda"))
     device: str = "cpu"
     dtype: str = number("float32", choices=("float32", "float64"))
     threads: int = number(0, least=0, most=4096)  # 0 is one per processor

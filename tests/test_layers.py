@@ -158,8 +158,8 @@ def test_only_the_board_knows_tensorboard() -> None:
     assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"recording/board.py"}
 
 
-def test_only_the_fused_engine_knows_numba() -> None:
-    assert all(path.startswith("engines/fused/") for path in importers("numba"))
+def test_only_the_compiled_engines_know_numba() -> None:
+    assert all(path.startswith(("engines/fused/", "engines/cuda/")) for path in importers("numba"))
 
 
 def test_only_the_environments_know_gymnasium() -> None:

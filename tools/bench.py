@@ -1,9 +1,11 @@
 """Speed of the closed loop, world included, after compilation: one JSON line a case.
 
     python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200] [--recorded 5000]
+    python tools/bench.py --device cuda --trials 50 1000
 
-The unit is trial-milliseconds per second. Every case starts from the same state, that of a robot which
-has learnt for the warm-up, and engines take turns, so that ratios hold when the machine's speed drifts.
+The unit is trial-milliseconds per second; the engine is `fused` on the CPU, `cuda` on an NVIDIA GPU, each against the
+reference there. Every case starts from the same state, that of a robot which has learnt for the warm-up, and engines
+take turns, so that ratios hold when the machine's speed drifts.
 The last lines say what share of a whole run of `--recorded` s its recording takes at its defaults, without imports.
 """
 
@@ -27,6 +29,7 @@ import snnrl.drawing.pictures  # noqa: F401  # so that no run has to wait for ma
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
+from snnrl.errors import ConfigError
 from snnrl.files import write_json
 from snnrl.running.job import simulate
 from snnrl.running.schedule import ticks_of
@@ -49,20 +52,24 @@ def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
     fresh = copy.deepcopy(simulation)
     fresh.run(engine, 1)
     count = ticks_of(seconds, fresh.tick)
+    wait = torch.cuda.synchronize if fresh.network.device.type == "cuda" else lambda: None
+    wait()
     started = time.perf_counter()
     fresh.run(engine, count)
+    wait()
     return fresh.trials * count * fresh.tick / (time.perf_counter() - started)
 
 
-def recording(robot: str, trials: int, seconds: float, threads: int) -> float:
+def recording(engine: Engine, device: str, robot: str, trials: int, seconds: float) -> float:
     """Share of a run (%) that its recording takes: of two runs, with it and without, which take turns all along."""
     without = ("record.tensorboard=false", f"record.every={seconds}", f"record.start={seconds}")
-    engine = make_engine("fused", "cpu", threads)
     torch.set_num_threads(1)  # as in every run on this engine
     runs, spent, done = [], [0.0, 0.0], [0.0, 0.0]
     with TemporaryDirectory() as parent, redirect_stderr(io.StringIO()):
         for name, options in (("with", ()), ("without", without)):
-            config = compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}", f"seconds={seconds}", *options)
+            config = compose(
+                f"+experiment={ROBOTS[robot]}", f"trials={trials}", f"seconds={seconds}", f"device={device}", *options
+            )
             folder = Path(parent, name)
             folder.mkdir()
             write_json(folder / "summary.json", {"complete": False, "overrides": []})
@@ -78,37 +85,47 @@ def recording(robot: str, trials: int, seconds: float, threads: int) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, nargs="+", default=[1, 50])
+    parser.add_argument("--device", default="cpu")
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--warm-up", type=float, default=200.0)
     parser.add_argument("--recorded", type=float, default=5000.0)
     arguments = parser.parse_args()
-    fused, reference = make_engine("fused", "cpu", arguments.threads), make_engine("reference", "cpu")
+    quick = "fused" if arguments.device == "cpu" else "cuda"
+    try:
+        engine = make_engine(quick, arguments.device, arguments.threads)
+    except ConfigError as error:
+        raise SystemExit(f"bench.py: {error}") from None
+    reference = make_engine("reference", arguments.device)
     if arguments.threads:
         torch.set_num_threads(arguments.threads)
     for robot in ROBOTS:
         for trials in arguments.trials:
-            simulation = learnt(robot, trials, arguments.warm_up)
+            simulation = learnt(robot, trials, arguments.warm_up).to(arguments.device)
             pairs = [
-                (speed(fused, simulation, arguments.seconds), speed(reference, simulation, REFERENCE_SECONDS))
+                (speed(engine, simulation, arguments.seconds), speed(reference, simulation, REFERENCE_SECONDS))
                 for _ in range(arguments.repeats)
             ]
             case = {"robot": robot, "trials": trials, "threads": arguments.threads or torch.get_num_threads()}
-            for engine, speeds in zip(("fused", "reference"), zip(*pairs, strict=True), strict=True):
+            for name, speeds in zip((quick, "reference"), zip(*pairs, strict=True), strict=True):
                 summary = {"median": statistics.median(speeds), "min": min(speeds), "max": max(speeds)}
                 rounded = {key: round(value) for key, value in summary.items()}
-                print(json.dumps({**case, "engine": engine, "trial_ms_per_s": rounded}), flush=True)
-            ratio = statistics.median(quick / slow for quick, slow in pairs)
-            print(json.dumps({**case, "fused_over_reference": round(ratio, 1)}), flush=True)
+                print(json.dumps({**case, "engine": name, "trial_ms_per_s": rounded}), flush=True)
+            ratio = statistics.median(one / other for one, other in pairs)
+            print(json.dumps({**case, f"{quick}_over_reference": round(ratio, 1)}), flush=True)
     for robot in ROBOTS:
         for trials in arguments.trials:
-            shares = [recording(robot, trials, arguments.recorded, arguments.threads) for _ in range(arguments.repeats)]
+            shares = [
+                recording(engine, arguments.device, robot, trials, arguments.recorded) for _ in range(arguments.repeats)
+            ]
             summary = {"median": statistics.median(shares), "min": min(shares), "max": max(shares)}
             rounded = {key: round(value, 1) for key, value in summary.items()}
             case = {"robot": robot, "trials": trials, "seconds": arguments.recorded}
             print(json.dumps({**case, "recording_percent_of_run": rounded}), flush=True)
     machine = {"machine": platform.processor() or platform.machine(), "torch": torch.__version__}
+    if arguments.device != "cpu":
+        machine["gpu"] = torch.cuda.get_device_name(arguments.device)
     print(json.dumps(machine))
 
 

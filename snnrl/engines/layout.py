@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 
 from snnrl.model.draws import stream
 from snnrl.model.modulators import burst
@@ -120,16 +121,21 @@ class Topology:
     settled: np.ndarray  # real [S], zeros for engines to work with
 
 
+def real_of(network: Network) -> Any:
+    """NumPy's type of a network's real numbers."""
+    return np.float64 if network.dtype == torch.float64 else np.float32
+
+
 def topology(network: Network, lanes: int) -> Topology:
     """Where neurons and synapses stand."""
     places = _places(network, lanes)
-    settled = np.zeros(network.synapses.plastic, network.pending.numpy().dtype)
+    settled = np.zeros(network.synapses.plastic, real_of(network))
     return Topology(places, *_synapses(network, places["groups"], lanes), settled)
 
 
 def tables(network: Network, known: Topology, lanes: int) -> tuple[Tables, Functions]:
     """The tables of a network as it is now; what `topology` gave is not made anew."""
-    real = network.pending.numpy().dtype
+    real = np.dtype(real_of(network))
     rules, signals, described = _learning(network, known.described)
     largest = max((float(w.abs().max()) for rule in rules for w in (rule.gains, rule.losses)), default=0.0)
     fans = [max(p.shape[1:]) for p in network.projections.values() if p.plastic]
@@ -148,14 +154,14 @@ def tables(network: Network, known: Topology, lanes: int) -> tuple[Tables, Funct
         ),
         "signal_rule": np.array([rule for rule, _ in signals], np.int64),
         "headroom": real.type(2 * largest * sum(fans)),
-        "set_limit": np.stack([(s.limit * network.set_size(s)).numpy() for s in sets], 1)
+        "set_limit": np.stack([(s.limit * network.set_size(s)).cpu().numpy() for s in sets], 1)
         if sets
         else np.zeros((network.trials, 0)),
         "set_step": np.array([s.step for s in sets], real),
         "set_always": np.array([not all(_foretold(network, name) for name in s.projections) for s in sets], bool),
         **_modulators(network, releases, real),
         "gain": real.type(network.synaptic_gain),
-        "trials": network.draws.trials.numpy(),
+        "trials": network.draws.trials.cpu().numpy(),
         "seed": network.draws.seed,
         **_background(network, known.places, lanes, real),
     }
@@ -234,13 +240,13 @@ def _synapses(network: Network, groups: np.ndarray, lanes: int) -> tuple[dict[st
     row, column, synapse, entry, dense = 0, 0, 0, 0, 0
     for projection in network.projections.values():
         trials, pre_size, post_size = projection.shape
-        source = (projection.trial * pre_size + projection.pre_index).numpy()
+        source = (projection.trial * pre_size + projection.pre_index).cpu().numpy()
         rows.append(synapse + np.searchsorted(source, np.arange(trials * pre_size)))
         column_at, dense_at = NONE, NONE
         if _is_dense(projection) and not projection.plastic:
             dense_at, dense = dense, dense + pre_size * -(-post_size // lanes) * lanes
         elif projection.plastic and not _is_dense(projection):
-            target = (projection.trial * post_size + projection.post_index).numpy()
+            target = (projection.trial * post_size + projection.post_index).cpu().numpy()
             order = np.argsort(target, kind="stable")
             columns.append(entry + np.searchsorted(target[order], np.arange(trials * post_size)))
             incoming.append(synapse + order)
@@ -248,7 +254,7 @@ def _synapses(network: Network, groups: np.ndarray, lanes: int) -> tuple[dict[st
         ends = place[projection.pre], place[projection.post]
         described.append((*ends, projection.delay, NONE, NONE, NONE, row, column_at, dense_at))
         row, synapse = row + trials * pre_size, synapse + len(source)
-    neurons = [(ends % network.size).numpy() for ends in (network.synapses.pre, network.synapses.post)]
+    neurons = [(ends % network.size).cpu().numpy() for ends in (network.synapses.pre, network.synapses.post)]
     found = {
         "source": (neurons[0] + shift[neurons[0]]).astype(np.int32),
         "target": (neurons[1] + shift[neurons[1]]).astype(np.int32),

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from torch import Tensor
 
 from snnrl.body.coding import Coding, lead_of, wheel_speeds
 from snnrl.body.world import World
@@ -13,7 +15,7 @@ from snnrl.engines.fused.network import load_trial, run_block, store_trial
 from snnrl.engines.fused.poisson import look_up, poisson_table
 from snnrl.engines.fused.vectors import LANES, load, store
 from snnrl.engines.fused.world import sense, step_world
-from snnrl.engines.layout import PLACE, SIZE
+from snnrl.engines.layout import PLACE, SIZE, real_of
 from snnrl.model.draws import stream
 from snnrl.model.network import Network
 
@@ -41,14 +43,16 @@ class CodingArrays(NamedTuple):
     held: Any  # whether exploration is drawn once for all ms of a tick
 
 
-def coding_arrays(coding: Coding, network: Network, world: World) -> CodingArrays:
-    """Share memory with a coding's tensors."""
+def coding_arrays(
+    coding: Coding, network: Network, world: World, share: Callable[[Tensor], Any] = Tensor.numpy
+) -> CodingArrays:
+    """Share memory with a coding's tensors, which `share` makes arrays of."""
     place, config = {name: k for k, name in enumerate(network.groups)}, coding.config
     pairs = [(config.ranges[name].left, config.ranges[name].right) for name in world.config.ranges]
     touches = [config.touches.get(name) for name in world.kinds.names]
-    real = network.pending.numpy().dtype.type
+    real = real_of(network)
     return CodingArrays(
-        coding.decoded.numpy(),
+        share(coding.decoded),
         config.slow,
         config.fast,
         coding.tick,
@@ -62,8 +66,8 @@ def coding_arrays(coding: Coding, network: Network, world: World) -> CodingArray
         coding.range_mean,
         real(coding.range_gain),
         real(coding.touch_gain),
-        coding.touch_thresholds.numpy(),
-        coding.exploration_thresholds.numpy(),
+        coding.touch_thresholds.cpu().numpy(),
+        coding.exploration_thresholds.cpu().numpy(),
         real(config.exploration_gain),
         coding.held,
     )

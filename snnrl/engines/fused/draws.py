@@ -12,7 +12,8 @@ UNIT = 2.0**-BITS
 
 def bits(seed, stream, trial, time, index):
     """One draw of `Draws.bits`, in [0, 2^24)."""
-    words = philox((index & MASK, (time >> 2) & MASK, stream & MASK, trial & MASK), seed)
+    counter = int(index) & MASK, int(time >> 2) & MASK, int(stream) & MASK, int(trial) & MASK
+    words = philox(counter, int(seed))
     return words[time & 3] >> UNUSED
 
 

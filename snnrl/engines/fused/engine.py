@@ -30,7 +30,7 @@ from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.work import State, Work, work_for
 from snnrl.engines.fused.world import world_arrays
 from snnrl.engines.interface import Situation
-from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, tables, topology
+from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, real_of, tables, topology
 from snnrl.engines.reference import run_ticks
 from snnrl.errors import ConfigError
 from snnrl.model.draws import poisson_table_size
@@ -79,17 +79,17 @@ class FusedEngine:
         if not isinstance(situation, Robot):
             run_ticks(self, network, situation, ticks, raster)
             return
-        _check_compiled(*situation.modules())
+        check_compiled(self.name, *situation.modules())
         world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
         size, kinds = poisson_table_size(situation.coding.range_mean), len(situation.world.kinds.names)
         bound, state = self.bind(network)
-        kernel = kernels(bound.functions, _real(network))[1]
+        kernel = kernels(bound.functions, real_of(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
 
         def part(low: int, high: int) -> None:
             works = bound.works[coding.tick]
             work = works.pop() if works else self._work(bound, network, coding.tick)
-            scratch = np.zeros(size), np.zeros(kinds, np.int64), np.zeros(1, _real(network))
+            scratch = np.zeros(size), np.zeros(kinds, np.int64), np.zeros(1, real_of(network))
             kernel(bound.tables, state, work, world, coding, *scratch, low, high, time, ticks, spikes, none)
             works.append(work)
 
@@ -108,7 +108,7 @@ class FusedEngine:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
         bound, state = self.bind(network)
-        kernel = kernels(bound.functions, _real(network))[0]
+        kernel = kernels(bound.functions, real_of(network))[0]
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
         given = [tensor.contiguous().numpy() for tensor in (injected, signs)]
@@ -141,8 +141,8 @@ class FusedEngine:
     def bind(self, network: Network) -> tuple[_Bound, State]:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
-        _check_compiled(*network.modules())
-        known, described = self._bound.get(network), _describe(network)
+        check_compiled(self.name, *network.modules())
+        known, described = self._bound.get(network), describe(network)
         # new tables where the network was moved or cast, or anything of it exchanged
         if known is None or known.synapses is not network.synapses or known.described != described:
             same = known is not None and known.synapses is network.synapses
@@ -166,7 +166,7 @@ class FusedEngine:
 
     @staticmethod
     def _work(bound: _Bound, network: Network, rows: int) -> Work:
-        return work_for(bound.tables, len(network.neurons.columns), network.slots, rows, _real(network))
+        return work_for(bound.tables, len(network.neurons.columns), network.slots, rows, real_of(network))
 
 
 NOTHING = {"release": 0.0, "threshold": 0.0}
@@ -195,11 +195,7 @@ def _note(functions: Functions) -> None:
 _NOTED: set[Callable[..., Any]] = set()
 
 
-def _real(network: Network) -> Any:
-    return network.pending.numpy().dtype.type
-
-
-def _describe(network: Network) -> tuple[Any, ...]:
+def describe(network: Network) -> tuple[Any, ...]:
     """Everything that tables are made from and that may be exchanged between two runs."""
     return (
         network.synaptic_gain,
@@ -214,15 +210,15 @@ def _describe(network: Network) -> tuple[Any, ...]:
     )
 
 
-def _check_compiled(*parts: object) -> None:
+def check_compiled(engine: str, *parts: object) -> None:
     """Raise ConfigError for a part of the model with code of its own, of which the kernels know nothing."""
     for part in parts:
         if type(part) not in COMPILED:
-            raise ConfigError("engine", "fused", f"cannot run {type(part).__name__}; use engine=reference")
+            raise ConfigError("engine", engine, f"cannot run {type(part).__name__}; use engine=reference")
         for name in vars(part):
             if callable(getattr(type(part), name, None)):
                 changed = f"{type(part).__name__}.{name}"
-                raise ConfigError("engine", "fused", f"cannot run a changed {changed}; use engine=reference")
+                raise ConfigError("engine", engine, f"cannot run a changed {changed}; use engine=reference")
 
 
 def _processors() -> int:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
 
 from snnrl.body.world.geometry import drive, in_disc, offset, within
 from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN
@@ -55,10 +57,11 @@ class WorldArrays(NamedTuple):
     sees: Any  # bool [R, K]
 
 
-def world_arrays(world: World) -> WorldArrays:
-    """Share memory with a world's tensors."""
+def world_arrays(world: World, share: Callable[[Tensor], Any] = Tensor.numpy) -> WorldArrays:
+    """Share memory with a world's tensors, which `share` makes arrays of."""
     kinds, config, sensors = world.kinds, world.config, list(world.config.ranges.values())
-    shared = {key: getattr(world, key).numpy() for key in WorldArrays._fields[:7]}
+    shared = {key: share(getattr(world, key)) for key in WorldArrays._fields[:7]}
+    kinds = kinds.to(torch.device("cpu"))
     described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:27] if key != "signs"}
     sees = [[name in world.sees[sensor] for name in kinds.names] for sensor in config.ranges]
     return WorldArrays(

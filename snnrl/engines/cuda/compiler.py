@@ -1,0 +1,156 @@
+"""How what is written for tensors, and kernels in plain Python, are compiled for a GPU.
+
+As in `snnrl.engines.fused.compiler`, a mechanism's constants are those of torch's arithmetic, names stand for what a
+network says, and a module with a PRECISION of its own is compiled in that one. In the code of a mechanism, `torch` is
+`snnrl.engines.cuda.scalars`. In numba's simulator (NUMBA_ENABLE_CUDASIM=1) the same functions run as Python, on
+numbers of NumPy.
+"""
+
+from __future__ import annotations
+
+import dis
+import math
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import partial
+from itertools import pairwise
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+import torch
+from numba import cuda
+
+from snnrl.engines.cuda import scalars
+from snnrl.engines.fused.compiler import NUMBERS, placeholder, settings
+from snnrl.errors import ConfigError
+
+SIMULATED = bool(settings.ENABLE_CUDASIM)
+jit: Any = cuda.jit
+KNOWN = {name: value for name, value in vars(scalars).items() if isinstance(value, FunctionType)}
+_UNKNOWN = object()
+
+
+@placeholder
+def barrier():
+    """All threads of a block wait for each other."""
+
+
+@placeholder
+def real(number):
+    """A number in the network's precision."""
+
+
+def _wait():
+    cuda.syncthreads()
+
+
+def _wait_simulated():
+    threading.current_thread().syncthreads()
+
+
+@contextmanager
+def unfused() -> Iterator[None]:
+    """Compiles what is first called inside so that a product and a sum stay two operations, as they are in torch.
+
+    NVVM can do it; numba-cuda has no option for it.
+    """
+    if SIMULATED:
+        yield
+        return
+    from numba.cuda.cudadrv import nvvm
+
+    compile_ir = nvvm.compile_ir
+    nvvm.compile_ir = partial(compile_ir, fma=False)
+    try:
+        yield
+    finally:
+        nvvm.compile_ir = compile_ir
+
+
+class Program:
+    """Functions compiled together.
+
+    Args:
+        real: type of the real numbers, np.float32 or np.float64.
+        names: what names stand for that kernels use and that no module says: mechanisms, compiled as well, and
+            numbers.
+    """
+
+    def __init__(self, real: Any, names: Mapping[str, Any]) -> None:
+        self.real = real
+        self.names = {**names, "real": real, "barrier": _wait_simulated if SIMULATED else _wait}
+        self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
+
+    def kernel(self, function: Callable[..., Any], threads: int) -> Any:
+        """A kernel, to be launched with blocks of so many threads at most."""
+        if SIMULATED:
+            return jit(self.seen(function, self.real))
+        # linking optimises again, and would fuse (see `unfused`); two blocks have room on a multiprocessor
+        return jit(lto=False, launch_bounds=(threads, 2))(self.seen(function, self.real))
+
+    def seen(self, function: Any, real: Any) -> FunctionType:
+        """A function whose names and constants mean what they do in compiled code.
+
+        Raises:
+            ConfigError: it uses a function of torch that has no meaning there.
+        """
+        assert isinstance(function, FunctionType), function
+        code = function.__code__
+        constants = code.co_consts
+        if not SIMULATED:  # where a Python number takes the precision of NumPy's beside it by itself
+            constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in constants)
+        found = {name: self._as_seen(name, function, real) for name in _globals(code)}
+        scope = {name: value for name, value in found.items() if value is not _UNKNOWN}
+        scope["__name__"] = __name__
+        return FunctionType(code.replace(co_consts=constants), scope, function.__name__, None, function.__closure__)
+
+    def _compile(self, function: FunctionType, real: Any) -> Any:
+        real = np.float64 if function.__globals__.get("PRECISION") == torch.float64 else real
+        if (function, real) not in self._known:
+            found = self.seen(function, real)
+            self._known[function, real] = found if SIMULATED else jit(device=True, forceinline=True)(found)
+        return self._known[function, real]
+
+    def _as_seen(self, name: str, function: FunctionType, real: Any) -> Any:
+        """What a name outside of a compiled function stands for inside of it."""
+        value = self.names.get(name, function.__globals__.get(name, _UNKNOWN))
+        assert not hasattr(value, "placeholder"), f"{function.__name__}: {name} stands for nothing"
+        if value is torch:
+            return self._torch(function, real)
+        if value is math and SIMULATED:
+            return np  # whose numbers keep their precision, and do not raise
+        if isinstance(value, NUMBERS) and not SIMULATED:
+            return real(value)
+        if isinstance(value, FunctionType):
+            return self._compile(value, real)
+        return value
+
+    def _torch(self, function: FunctionType, real: Any) -> ModuleType:
+        """The functions of torch that a function uses."""
+        found = ModuleType("torch")
+        for name in _attributes(function.__code__, "torch"):
+            if name in KNOWN:
+                setattr(found, name, self._compile(KNOWN[name], real))
+            else:
+                message = f"cannot run {function.__name__}, which uses torch.{name}; use engine=reference"
+                raise ConfigError("engine", "cuda", message)
+        return found
+
+
+def _instructions(code: CodeType) -> list[dis.Instruction]:
+    """Of a function and of functions within it."""
+    inner = [found for value in code.co_consts if isinstance(value, CodeType) for found in _instructions(value)]
+    return [*dis.get_instructions(code), *inner]
+
+
+def _globals(code: CodeType) -> list[str]:
+    """What a function looks up outside."""
+    return list(dict.fromkeys(found.argval for found in _instructions(code) if found.opname == "LOAD_GLOBAL"))
+
+
+def _attributes(code: CodeType, name: str) -> list[str]:
+    """What a function takes from a global of that name."""
+    pairs = pairwise(_instructions(code))
+    return list(dict.fromkeys(b.argval for a, b in pairs if (a.opname, a.argval) == ("LOAD_GLOBAL", name)))

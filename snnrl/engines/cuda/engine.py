@@ -1,0 +1,235 @@
+"""Binds modules to the compiled kernels, and launches these."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import torch
+from numba import cuda, types
+from numba.core.errors import NumbaError
+from torch import Tensor
+
+from snnrl.body.robot import Robot
+from snnrl.engines.cuda.coding import run_robot
+from snnrl.engines.cuda.compiler import SIMULATED, Program, unfused
+from snnrl.engines.cuda.network import Described, run_network
+from snnrl.engines.cuda.neurons import stepping
+from snnrl.engines.cuda.work import State, put_back, scratch_for, side_by_side, wiring_of
+from snnrl.engines.fused.coding import coding_arrays
+from snnrl.engines.fused.engine import check_compiled, describe
+from snnrl.engines.fused.modulators import releasing
+from snnrl.engines.fused.plasticity import bounding
+from snnrl.engines.fused.world import world_arrays
+from snnrl.engines.interface import Situation
+from snnrl.engines.layout import Functions, Tables, Topology, real_of, tables, topology
+from snnrl.engines.reference import run_ticks
+from snnrl.errors import ConfigError
+from snnrl.model.draws import poisson_table_size
+from snnrl.model.network import Network, SynapseTable
+
+LANES = 4 if SIMULATED else 256  # most threads of a block; each of the simulator's is one of Python's
+LEAST = 4 if SIMULATED else 32
+ON_CHIP = 48 * 1024  # bytes of shared memory that every block may have
+TICKS = 100  # of a launch at most: the interpreter cannot be interrupted before it ends
+
+
+@dataclass
+class _Bound:
+    """What is kept of a network from one run to the next, as long as it is the same."""
+
+    synapses: SynapseTable
+    topology: Topology
+    described: tuple[Any, ...]
+    tables: Tables
+    functions: Functions
+    arrays: Described
+
+
+class CudaEngine:
+    """Compiled for NVIDIA GPUs, a block of threads for each trial; works in place on the modules' tensors.
+
+    In numba's simulator it runs on tensors of the CPU.
+
+    Raises:
+        ConfigError: there is no GPU.
+    """
+
+    name = "cuda"
+
+    def __init__(self) -> None:
+        if not cuda.is_available():
+            raise ConfigError("engine", self.name, "finds no NVIDIA GPU and its driver on this machine")
+        self.device = "cpu" if SIMULATED else "cuda"
+        self._bound: WeakKeyDictionary[Network, _Bound] = WeakKeyDictionary()
+
+    def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
+        """Closed loop; see `snnrl.engines.interface.Engine`. A robot is compiled whole; of another situation, only
+        the network is.
+        """
+        if not isinstance(situation, Robot):
+            run_ticks(self, network, situation, ticks, raster)
+            return
+        check_compiled(self.name, *situation.modules())
+        coding, world = situation.coding, situation.world
+        largest, tick = poisson_table_size(coding.config.range_mean), coding.tick
+        spikes, time = _raster(raster, network), int(network.time)
+        with self._current(network):
+            launch = self._launch(network, len(world.kinds.names), len(world.config.ranges))
+            arrays = [
+                _on_device(part, network.device)
+                for part in (world_arrays(world, _array), coding_arrays(coding, network, world, _array))
+            ]
+            for first in range(0, ticks, TICKS):
+                count = min(TICKS, ticks - first)
+                shown = _array(spikes[first * tick : (first + count) * tick])
+                launch(run_robot, *arrays, largest, time + first * tick, count, shown)
+            launch.end()
+        network.time += ticks * tick
+
+    def run_network(
+        self,
+        network: Network,
+        injected: Tensor,
+        sign: Tensor | None = None,
+        raster: Tensor | None = None,
+        reward: Tensor | None = None,
+    ) -> None:
+        """Open loop; see `snnrl.engines.interface.Engine`."""
+        network.check_reward(reward)
+        signs = torch.ones(network.trials, dtype=network.dtype, device=network.device) if sign is None else sign
+        rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward
+        spikes, time = _raster(raster, network), int(network.time)
+        with self._current(network):
+            launch = self._launch(network, 0, 0)
+            given = [tensor.to(network.dtype).contiguous() for tensor in (injected, signs)]
+            launch(
+                run_network, time, *map(_array, given), _array(spikes), _array(rewards.to(network.dtype).contiguous())
+            )
+            launch.end()
+        network.time += len(injected)
+
+    def _current(self, network: Network) -> AbstractContextManager[Any]:
+        """Lets kernels run where the network is."""
+        if network.device.type != self.device:
+            raise ConfigError("engine", self.name, f"runs on device={self.device} only, not on {network.device}")
+        return nullcontext() if SIMULATED else cuda.gpus[network.device.index]
+
+    def _launch(self, network: Network, kinds: int, sensors: int) -> Launch:
+        """What launches kernels on a network, in a world of so many kinds and range sensors."""
+        bound = self._bind(network)
+        return Launch(network, bound.tables, bound.functions, bound.arrays, kinds, sensors)
+
+    def _bind(self, network: Network) -> _Bound:
+        check_compiled(self.name, *network.modules())
+        known, described = self._bound.get(network), describe(network)
+        # new tables where the network was moved or cast, or anything of it exchanged
+        if known is None or known.synapses is not network.synapses or known.described != described:
+            same = known is not None and known.synapses is network.synapses
+            found = known.topology if known and same else topology(network, 1)
+            made, functions = tables(network, found, 1)
+            arrays = Described(*(_on_device(part, network.device) for part in (made, wiring_of(network, made))))
+            known = _Bound(network.synapses, found, described, made, functions, arrays)
+            self._bound[network] = known
+        return known
+
+
+class Launch:
+    """A network made ready for kernels, from their first launch to `end`.
+
+    Args:
+        network, tables, functions, arrays: a network and what is known of it.
+        kinds, sensors: how many its world has.
+    """
+
+    def __init__(
+        self, network: Network, tables: Tables, functions: Functions, arrays: Described, kinds: int, sensors: int
+    ) -> None:
+        self.network, self.lanes = network, _lanes(network)
+        self.modulators = side_by_side(network, tables)
+        memory = 2 * arrays.wiring.synapses  # weights and eligibilities of a trial
+        size = memory * network.pending.itemsize
+        on_chip = size <= ON_CHIP
+        self.kernels = kernels(functions, real_of(network), on_chip)
+        self.shared = size if on_chip else 0
+        room = scratch_for(network, tables, 0 if on_chip else memory, self.lanes, kinds, sensors)
+        self.given = arrays, _state(network, self.modulators), _on_device(room, network.device)
+
+    def __call__(self, kernel: Callable[..., None], *given: Any) -> None:
+        """Run a kernel, and wait until it has ended."""
+        if not SIMULATED:
+            torch.cuda.synchronize(self.network.device)  # torch may work on another stream
+        with unfused(), warnings.catch_warnings():
+            if SIMULATED:
+                warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, where a compiled number just overflows
+            try:
+                _start(
+                    self.kernels[kernel.__name__], (self.network.trials, self.lanes, 0, self.shared), self.given + given
+                )
+            except NumbaError as error:
+                line = str(error).strip().splitlines()[-1]
+                raise ConfigError("engine", "cuda", f"cannot compile it ({line}); use engine=reference") from error
+
+    def end(self) -> None:
+        """Let the network's modules have what has become of them."""
+        put_back(self.network, self.modulators)
+
+
+def _start(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) -> None:
+    kernel[configuration](*given)
+    cuda.synchronize()
+
+
+@cache
+def kernels(functions: Functions, real: Any, on_chip: bool) -> dict[str, Any]:
+    """`run_network` and `run_robot`, compiled for networks of these functions.
+
+    `on_chip` is whether weights and eligibilities are in shared memory while they run.
+    """
+    constants = {"SHARED": on_chip, "ELEMENT": types.float64 if real is np.float64 else types.float32}
+    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **constants})
+    return {kernel.__name__: program.kernel(kernel, LANES) for kernel in (run_network, run_robot)}
+
+
+def _lanes(network: Network) -> int:
+    """Threads of a block: a power of two, and no more than there are neurons, as far as that is possible."""
+    lanes = LEAST
+    while lanes < min(LANES, network.size):
+        lanes *= 2
+    return lanes
+
+
+def _state(network: Network, modulators: dict[str, Tensor]) -> State:
+    neurons, synapses = network.neurons, network.synapses
+    own = (neurons.packed, neurons.last_spike, network.pending, network.spike_count)
+    learnt = (synapses.weight, synapses.eligibility)
+    return State(*map(_array, (*own, *learnt)), **{key: _array(value) for key, value in modulators.items()})
+
+
+def _array(tensor: Tensor) -> Any:
+    """An array for kernels that shares memory with a tensor."""
+    return tensor.numpy() if SIMULATED else cuda.as_cuda_array(tensor)
+
+
+def _on_device(part: Any, device: torch.device) -> Any:
+    """A tuple whose tensors and NumPy arrays are arrays for kernels, the latter as copies."""
+
+    def moved(value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            value = torch.from_numpy(np.ascontiguousarray(value)).to(device)
+        return _array(value) if isinstance(value, Tensor) else value
+
+    return type(part)(*map(moved, part))
+
+
+def _raster(raster: Tensor | None, network: Network) -> Tensor:
+    """Bytes [T, b, N] that share memory with a raster; without rows if there is none."""
+    if raster is None:
+        return torch.zeros(0, network.trials, network.size, dtype=torch.uint8, device=network.device)
+    return raster.view(torch.uint8)

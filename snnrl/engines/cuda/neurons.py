@@ -1,0 +1,72 @@
+"""Steps 1 and 2 of `Network.step`: input and neurons, a thread for each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from snnrl.engines.cuda.compiler import real
+from snnrl.engines.fused.compiler import placeholder, spelled
+from snnrl.engines.fused.draws import uniform
+from snnrl.engines.layout import NOISE_STREAM, SIZE, START, Functions
+from snnrl.model.neurons import uniform_noise
+
+
+@placeholder
+def step_cell(model, packed, trial, n, current):
+    """One ms of a neuron; returns whether it fired."""
+
+
+def background(t, g, trial, n, now):
+    """Constant or noisy background current."""
+    noise = t.wiring.noise[g]
+    if noise < 0:
+        return t.tables.background[n]
+    stream, index = t.tables.noises[noise, NOISE_STREAM], n - t.tables.groups[g, START]
+    draw = uniform(t.tables.seed, stream, t.tables.trials[trial], now, index)
+    return uniform_noise(real(draw), t.tables.noise_values[noise, 0], t.tables.noise_values[noise, 1])
+
+
+def update_cells(t, s, w, trial, now, raster, row):
+    """One ms of all neurons, whose current from outside is in `injected`; who fired goes to `fired`."""
+    slot = now % s.pending.shape[1]
+    shown = raster.shape[0] > 0 and trial < raster.shape[1]
+    for n in range(w.lane, s.last_spike.shape[1], w.lanes):
+        current = s.pending[trial, slot, n] + background(t, t.tables.group_of[n], trial, n, now) + w.injected[n]
+        s.pending[trial, slot, n] = 0.0
+        fired = step_cell(t.tables.model_of[n], s.packed, trial, n, current)
+        w.fired[n] = fired
+        w.earlier[n] = s.last_spike[trial, n]
+        if fired:
+            s.last_spike[trial, n] = now
+            w.latest[0] = now
+        if shown:
+            raster[row, trial, n] = 1 if fired else 0
+
+
+def count_spikes(t, s, w, trial):
+    """How many of each group fired; for now, `first` holds that."""
+    for g in range(w.lane, t.tables.groups.shape[0], w.lanes):
+        count, start = 0, t.tables.groups[g, START]
+        for n in range(start, start + t.tables.groups[g, SIZE]):
+            if w.fired[n]:
+                count += 1
+        s.spike_count[trial, g] += count
+        w.first[g + 1] = count
+
+
+def stepping(functions: Functions) -> dict[str, Callable[..., Any]]:
+    """What `step_cell` and the names in it stand for in a network of those models."""
+    lines, names = [], {}
+    for k, model in enumerate(functions.models):
+        names[f"model_{k}"] = model.step
+        at = {name: f"packed[{functions.columns.index(name)}, trial, n]" for name in model.columns}
+        given = ", ".join([*(at[name] for name in model.state), "current", *(at[name] for name in model.parameters)])
+        after = ", ".join(f"y{i}" for i in range(len(model.state)))
+        last = k == len(functions.models) - 1  # which needs no question
+        lines += ["if True:" if last else f"if model == {k}:"]
+        lines += [f"    {after}, fired = model_{k}({given})"]
+        lines += [f"    {at[name]} = y{i}" for i, name in enumerate(model.state)]
+        lines += ["    return fired"]
+    body = "\n".join(f"    {line}" for line in lines)
+    return {"step_cell": spelled("step_cell", "model, packed, trial, n, current", body, {}), **names}
