@@ -79,7 +79,7 @@ class FusedEngine:
         if not isinstance(situation, Robot):
             run_ticks(self, network, situation, ticks, raster)
             return
-        _check_compiled(*situation.modules())
+        check_compiled(*situation.modules())
         world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
         size, kinds = poisson_table_size(situation.coding.config.range_mean), len(situation.world.kinds.names)
         bound, state = self.bind(network)
@@ -141,7 +141,7 @@ class FusedEngine:
     def bind(self, network: Network) -> tuple[_Bound, State]:
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
-        _check_compiled(*network.modules())
+        check_compiled(*network.modules())
         known, described = self._bound.get(network), _describe(network)
         # new tables where the network was moved or cast, or anything of it exchanged
         if known is None or known.synapses is not network.synapses or known.described != described:
@@ -214,7 +214,7 @@ def _describe(network: Network) -> tuple[Any, ...]:
     )
 
 
-def _check_compiled(*parts: object) -> None:
+def check_compiled(*parts: object) -> None:
     """Raise ConfigError for a part of the model with code of its own, of which the kernels know nothing."""
     for part in parts:
         if type(part) not in COMPILED:
