@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 
 class Progress:
@@ -28,6 +30,13 @@ class Progress:
     def wall(self) -> float:
         """s of wall time that the run has taken so far."""
         return time.perf_counter() - self.started
+
+    @contextmanager
+    def preparing(self) -> Iterator[None]:
+        """What happens in this context is no part of the run's time."""
+        began = time.perf_counter()
+        yield
+        self.started += time.perf_counter() - began
 
     def show(self, done: float, state: str) -> None:
         """`done` simulated seconds of each trial; `state` is what they came to."""
