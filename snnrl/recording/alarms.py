@@ -8,6 +8,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from snnrl.model.synapses import totals
 from snnrl.schema import AlarmsConfig
 from snnrl.simulation import Simulation
 
@@ -123,7 +124,7 @@ class Alarms:
         network = self.simulation.network
         if self.config.saturated is None or not self._plastic:
             return torch.zeros(network.trials, dtype=torch.bool)
-        full = torch.stack([p.total(p.weight >= p.rule.weight_max) for p in self._plastic if p.rule]).sum(0)
+        full = totals(self._plastic, [p.weight >= p.rule.weight_max for p in self._plastic if p.rule]).sum(0)
         return full > self.config.saturated * torch.stack([p.count for p in self._plastic]).sum(0)
 
     def _synchronised(self, weight: Tensor) -> Tensor:
@@ -132,11 +133,13 @@ class Alarms:
             return flagged
         for pair in self._taxes.values():
             means = torch.stack([weight[:, :, places].double().mean(2) for places in pair])  # [2, T, B]
-            centred = means - means.mean(1, keepdim=True)
-            correlation = centred.prod(0).sum(0) / centred.pow(2).sum(1).prod(0).sqrt()  # nan where one is constant
             attraction, avoidance = means.mean(1)
             strong = torch.minimum(attraction, avoidance) > self.config.synchronised_above
             strong &= attraction <= self.config.synchronised_lead * avoidance
+            if not strong.any():
+                continue
+            centred = means - means.mean(1, keepdim=True)
+            correlation = centred.prod(0).sum(0) / centred.pow(2).sum(1).prod(0).sqrt()  # nan where one is constant
             flagged |= strong & (correlation > self.config.synchronised)
         return flagged
 

@@ -173,7 +173,6 @@ class FusedEngine:
             _note(made[1])
             known = self._bound[network] = _Bound(network.synapses, found, described, *made, {})
         modulators = list(network.modulators.values())
-        none = Modulator("none", {"count": ""}, 1, 0.0, 1.0, 1, NOTHING, network.dtype, "cpu")
         state = State(
             network.neurons.packed.numpy(),
             network.neurons.last_spike.numpy(),
@@ -182,7 +181,7 @@ class FusedEngine:
             network.synapses.weight.numpy(),
             network.synapses.eligibility.numpy(),
             known.topology.settled,
-            *(tuple(getattr(m, key).numpy() for m in modulators or [none]) for key in MODULATOR),
+            *(tuple(getattr(m, key).numpy() for m in modulators or [_no_modulator(network.dtype)]) for key in MODULATOR),
         )
         return known, state
 
@@ -193,6 +192,12 @@ class FusedEngine:
 
 NOTHING = {"release": 0.0, "threshold": 0.0}
 MODULATOR = ("level", "total", "pending", "rate")  # in the order of `State`
+
+
+@cache
+def _no_modulator(dtype: torch.dtype) -> Modulator:
+    """In place of those that a network does not have: a kernel's tuples cannot be empty."""
+    return Modulator("none", {"count": ""}, 1, 0.0, 1.0, 1, NOTHING, dtype, "cpu")
 
 
 @cache
@@ -241,10 +246,15 @@ def check_compiled(*parts: object) -> None:
     for part in parts:
         if type(part) not in COMPILED:
             raise ConfigError("engine", "fused", f"cannot run {type(part).__name__}; use engine=reference")
-        for name in vars(part):
-            if callable(getattr(type(part), name, None)):
-                changed = f"{type(part).__name__}.{name}"
-                raise ConfigError("engine", "fused", f"cannot run a changed {changed}; use engine=reference")
+        for name in vars(part).keys() & _methods(type(part)):
+            changed = f"{type(part).__name__}.{name}"
+            raise ConfigError("engine", "fused", f"cannot run a changed {changed}; use engine=reference")
+
+
+@cache
+def _methods(kind: type) -> set[str]:
+    """Names of all that can be called on objects of a type."""
+    return {name for name in dir(kind) if callable(getattr(kind, name, None))}
 
 
 def _processors() -> int:
