@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -77,5 +78,5 @@ def test_preparing_is_no_part_of_a_runs_time(monkeypatch: pytest.MonkeyPatch, ca
         now[0] += 20.0
     now[0] += 2.0
     assert shown.wall == 5.0
-    shown.show(5.0, "")
-    assert "5 s left" in capsys.readouterr().err
+    shown.show(5.0, lambda: "well")
+    assert re.search(r"well .* 5 s left", capsys.readouterr().err)

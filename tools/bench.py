@@ -30,7 +30,6 @@ import gymnasium
 import numpy as np
 import torch
 
-import snnrl.drawing.pictures  # so that no run has to wait for matplotlib
 import snnrl.environments  # noqa: F401  # which registers them
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose

@@ -193,10 +193,9 @@ def _record(recorder: Recorder, due: Due, progress: Progress) -> None:
     if due.point:
         recorder.point()
     if due.sample:
-        state, alarms = recorder.sample()
-        for line in alarms:
+        for line in recorder.sample(due.scalars):
             progress.say(line)
-        progress.show(recorder.simulation.seconds, state)
+        progress.show(recorder.simulation.seconds, recorder.told)
     if due.histograms:
         recorder.histograms()
     if due.picture:

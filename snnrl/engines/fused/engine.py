@@ -181,7 +181,10 @@ class FusedEngine:
             network.synapses.weight.numpy(),
             network.synapses.eligibility.numpy(),
             known.topology.settled,
-            *(tuple(getattr(m, key).numpy() for m in modulators or [_no_modulator(network.dtype)]) for key in MODULATOR),
+            *(
+                tuple(getattr(m, key).numpy() for m in modulators or [_no_modulator(network.dtype)])
+                for key in MODULATOR
+            ),
         )
         return known, state
 
@@ -241,12 +244,13 @@ def _describe(network: Network) -> tuple[Any, ...]:
     )
 
 
-def check_compiled(*parts: object) -> None:
+def check_compiled(*parts: nn.Module) -> None:
     """Raise ConfigError for a part of the model with code of its own, of which the kernels know nothing."""
     for part in parts:
         if type(part) not in COMPILED:
             raise ConfigError("engine", "fused", f"cannot run {type(part).__name__}; use engine=reference")
-        for name in vars(part).keys() & _methods(type(part)):
+        kind: Any = type(part)
+        for name in vars(part).keys() & _methods(kind):
             changed = f"{type(part).__name__}.{name}"
             raise ConfigError("engine", "fused", f"cannot run a changed {changed}; use engine=reference")
 
