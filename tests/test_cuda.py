@@ -113,6 +113,14 @@ def food_container() -> None:
     assert (run.network.synapses.weight < weights).any()
 
 
+def free_readings() -> None:
+    """Every kind of background, and exploration that is stronger and drawn once a tick."""
+    noisy = ("gaussian=0.1", "kick=30", "kick_rate=20")
+    options = ("coding.exploration_gain=1.45", "coding.exploration_drawn=each_tick")
+    groups = [f"network.groups.dopaminergic.{value}" for value in noisy]
+    closed_loop(simulation(*FOOD_ONLY, *groups, *options, "dtype=float64"), 2)
+
+
 def delays_and_loops() -> None:
     open_loop(third_network(3, 2, torch.float64), 100, 9.0, 0.0)
 
@@ -189,7 +197,7 @@ def network_with_a_rule(rule: Callable[..., Tensor]) -> tuple[Network, Tensor]:
 
 
 CASES = (
-    *(food_only, food_only_in_float32, poison, food_container),
+    *(food_only, food_only_in_float32, poison, food_container, free_readings),
     *(delays_and_loops, soft, approaching, depresses),
     *(turns, without_modulators, refusals),
 )

@@ -29,6 +29,14 @@ def test_is_right_to_the_last_bit_or_two(name: str) -> None:
     assert np.max(np.abs(found - expected) / unit) < 2 * np.finfo(float).eps
 
 
+def test_a_square_root_is_correctly_rounded() -> None:
+    squares = torch.cat([points("exp").abs() * scale for scale in (1.0, 1e-30, 1e9)])
+    found = elementary.square_root(squares).numpy()
+    assert np.array_equal(found, np.sqrt(squares.numpy()))  # numpy's is the processor's own
+    one = compiled(elementary.square_root)
+    assert [one(x) for x in squares[::97].tolist()] == found[::97].tolist()
+
+
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_has_the_same_bits_on_every_machine_and_compiled(name: str) -> None:
     found = getattr(elementary, name)(points(name)).numpy()

@@ -17,9 +17,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from helpers import make_simulation, place
 
 import snnrl.environments
-from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
-from snnrl.engines import make_engine
+from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT, Foraging
+from snnrl.body.world import World
+from snnrl.configuration.builder import build_world
+from snnrl.configuration.compose import compose
+from snnrl.engines import compiled_world, make_engine
 from snnrl.errors import ConfigError
+from snnrl.model.draws import Draws
 
 NAMES = {"snnrl/Foraging-v0": 3, "snnrl/FoodContainers-v0": 7}  # numbers of sensors
 
@@ -119,6 +123,64 @@ def test_a_single_environment_goes_on_to_the_next_trial() -> None:
     assert environment.reset()[1] == {"trial": 1}
 
 
+@pytest.mark.parametrize("continuous", [False, True])
+@pytest.mark.parametrize(
+    ("experiment", "trials", "overrides"),
+    [
+        ("food_attraction", 7, []),
+        ("food_poison", 5, ["world.kinds.food.poison_from=50"]),
+        ("dual_learning", 13, ["world.ranges.food.measured_to=border"]),
+    ],
+)
+def test_the_compiled_world_is_the_torch_world(
+    experiment: str, trials: int, overrides: list[str], continuous: bool
+) -> None:
+    def environments(engine: str) -> Any:
+        options = [*overrides, f"engine={engine}", "trial_start=3"]
+        made = snnrl.environments.ForagingVectorEnv(trials, experiment, options, continuous)
+        return made, made.reset(seed=11)[0]
+
+    (compiled, first), (torch_world, other) = environments("auto"), environments("reference")
+    assert compiled.foraging._compiled is not None
+    assert torch_world.foraging._compiled is None
+    assert np.array_equal(first, other)
+    compiled.action_space.seed(5)
+    earned = np.zeros(trials)
+    for k in range(1500):
+        if k % 9 == 0:
+            action = compiled.action_space.sample()
+        (seen, reward, *_), (expected, wanted, *_) = compiled.step(action), torch_world.step(action)
+        assert np.array_equal(seen, expected)
+        assert np.array_equal(reward, wanted)
+        assert torch.equal(compiled.foraging.ranges(), torch_world.foraging.ranges())
+        earned += np.abs(reward)
+        for name, values in torch_world.foraging.world.state_dict().items():
+            assert torch.equal(compiled.foraging.world.state_dict()[name], values), (k, name)
+    assert earned.sum() >= 10
+
+
+def test_a_world_with_code_of_its_own_is_refused_by_name() -> None:
+    class Mine(World):
+        pass
+
+    coding, world = compose("+experiment=food_attraction").body()
+    mine = build_world(world, coding, Draws(0, torch.arange(2)), Mine)
+    assert compiled_world("reference", mine, ["food"], []) is None
+    with pytest.raises(ConfigError, match="cannot run Mine; use engine=reference"):
+        compiled_world("auto", mine, ["food"], [])
+
+
+def test_wheel_speeds_of_one_robot_are_those_of_all() -> None:
+    bodies = [
+        Foraging(compose("+experiment=food_attraction", f"engine={engine}"), Draws(0, torch.arange(3)))
+        for engine in ("fused", "reference")
+    ]
+    for body in bodies:
+        body.step(torch.tensor([[26.0, 30.0]]))
+    assert torch.equal(*(body.world.position for body in bodies))
+    assert torch.equal(*(body.world.heading for body in bodies))
+
+
 @pytest.mark.parametrize(
     ("experiment", "robot", "overrides"),
     [("food_attraction", "learning", ["world.kinds.food.poison_from=21"]), ("dual_learning", "benchmark", [])],
@@ -204,8 +266,18 @@ def test_bad_options_are_refused_by_name(options: dict[str, Any], message: str) 
 def test_an_action_outside_its_space_is_refused() -> None:
     environments = make(num_envs=2)
     environments.reset(seed=0)
+    for action in ([0, 3], [-1, 0], [0], [[0, 1]]):
+        with pytest.raises(ValueError, match="must be in MultiDiscrete"):
+            environments.step(np.array(action))
+    speeds = make(num_envs=1, continuous=True)
+    speeds.reset(seed=0)
+    for speed in (24.9, 31.3, np.nan):
+        with pytest.raises(ValueError, match="must be in Box"):
+            speeds.step(np.array([[28.0, speed]]))
+    alone = gymnasium.make("snnrl/Foraging-v0")
+    alone.reset(seed=0)
     with pytest.raises(ValueError, match="must be in MultiDiscrete"):
-        environments.step(np.array([0, 3]))
+        alone.step(3)
 
 
 def test_the_example_trains_ppo() -> None:

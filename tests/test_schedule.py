@@ -63,6 +63,21 @@ def test_sampling_begins_where_it_is_told() -> None:
     assert [plan.due(done).sample for done in (2, 12, 22, 29, 30)] == [False, True, True, False, True]
 
 
+def test_tensorboard_gets_less_of_a_run_of_few_trials() -> None:
+    """20,000 ticks with 200 samples and 100 histograms, shown at most 61.4 and 4.14 times, or 760 and 74 times."""
+    times = ("seconds=1400", "record.every=7", "record.histograms=14", "record.pictures=0")
+    few, many = schedule(*times, "trials=1"), schedule(*times, "trials=500")
+    assert walk(few)[:3] == [100, 200, 300]
+    for plan, scalars, histograms in ((few, 400, 5000), (many, 100, 400)):
+        found = {done: plan.due(done) for done in range(100, plan.end + 1, 100)}
+        assert all(due.sample for due in found.values())
+        assert [done for done, due in found.items() if due.scalars] == list(range(scalars, plan.end + 1, scalars))
+        assert [done for done, due in found.items() if due.histograms] == list(
+            range(histograms, plan.end + 1, histograms)
+        )
+    assert schedule("seconds=7.35", "record.every=0.07", "trials=1").due(105).scalars  # the end always is
+
+
 def test_before_a_picture_there_is_a_film_with_a_point_every_so_often() -> None:
     """Pictures after 200 ticks and at the end, 260: each ends 28 points of 5 ticks, or what there is of them."""
     assert spacing(TICK) == (5, 28)

@@ -59,7 +59,20 @@ def test_peers_agree_and_are_timed(tmp_path: Path) -> None:
 
 
 def test_speed_and_the_cost_of_recording_are_measured() -> None:
-    sizes = ["--trials", "2", "--repeats", "1", "--seconds", "0.1", "--warm-up", "0.1", "--recorded", "45"]
+    sizes = [
+        "--trials",
+        "2",
+        "--repeats",
+        "1",
+        "--seconds",
+        "0.1",
+        "--warm-up",
+        "0.1",
+        "--recorded",
+        "45",
+        "--steps",
+        "30",
+    ]
     printed = [json.loads(line) for line in run_tool("tools/bench.py", *sizes).splitlines()]
     for robot in ("food_only", "food_container"):
         lines = [line for line in printed if line.get("robot") == robot]
@@ -68,6 +81,13 @@ def test_speed_and_the_cost_of_recording_are_measured() -> None:
         assert min(speeds.values()) > 0
         (cost,) = (line["recording_percent_of_run"] for line in lines if "recording_percent_of_run" in line)
         assert 0 < cost["min"] == cost["median"] == cost["max"] < 100  # so short a run is mostly its pictures
+    steps = {
+        (line["environment"], line["at_once"], line["engine"]): line["steps_per_s"]["min"]
+        for line in printed
+        if "steps_per_s" in line
+    }
+    assert len(steps) == 8
+    assert min(steps.values()) > 0
 
 
 def test_the_dense_network_is_ours() -> None:

@@ -1,12 +1,17 @@
 """Speed of the closed loop, world included, after compilation: one JSON line a case.
 
     python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200] [--recorded 5000]
+                          [--steps 5000]
     python tools/bench.py --device cuda --trials 50 1000
 
 The unit is trial-milliseconds per second; the engine is `fused` on the CPU, `cuda` on an NVIDIA GPU, each against the
 reference there. Every case starts from the same state, that of a robot which has learnt for the warm-up, and engines
-take turns, so that ratios hold when the machine's speed drifts.
-The last lines say what share of a whole run of `--recorded` s its recording takes at its defaults, without imports.
+take turns, so that ratios hold when the machine's speed drifts. On the CPU each figure is also a share of what neurons
+and random numbers alone would allow on as many processors at once (`tools/limit.py`), measured in the same turns;
+`tools/causes.py` says what the rest is spent on.
+Then come Gymnasium environments, in steps of one environment per second, `--steps` of a batch, or a 25th of them where
+the world is plain torch; one alone is that of `gymnasium.make`, with its wrappers. The last lines say what share of a
+whole run of `--recorded` s its recording takes at its defaults, without imports.
 """
 
 from __future__ import annotations
@@ -16,16 +21,22 @@ import copy
 import io
 import json
 import math
+import os
 import platform
 import statistics
 import time
+from collections.abc import Sequence
 from contextlib import redirect_stderr
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
+import gymnasium
+import numpy as np
 import torch
+from limit import limit_of
 
-import snnrl.drawing.pictures  # noqa: F401  # so that no run has to wait for matplotlib
+import snnrl.environments  # noqa: F401  # which registers them
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
@@ -38,6 +49,9 @@ from snnrl.simulation import Simulation
 
 ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
 REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
+ENVIRONMENTS = ("snnrl/Foraging-v0", "snnrl/FoodContainers-v0")
+BATCHES = (1, 256)  # environments at once
+SLOWER = 25  # times fewer steps of the reference
 
 
 def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
@@ -82,6 +96,43 @@ def recording(engine: Engine, device: str, robot: str, trials: int, seconds: flo
     return 100.0 * (spent[0] - spent[1]) / spent[0]
 
 
+def steps_per_second(name: str, batch: int, engine: str, steps: int) -> float:
+    """Of one environment alone, or of a batch all together."""
+    options: dict[str, Any] = {"overrides": [f"engine={engine}"]}
+    made: Any = gymnasium.make(name, **options) if batch == 1 else gymnasium.make_vec(name, num_envs=batch, **options)
+    made.reset(seed=0)
+    actions: list[Any] = [k if batch == 1 else np.full(batch, k) for k in range(3)]
+    for k in range(4):  # the first are checked by Gymnasium, or compiled
+        made.step(actions[k % 3])
+    started = time.perf_counter()
+    for k in range(steps):
+        made.step(actions[k // 20 % 3])
+    return batch * steps / (time.perf_counter() - started)
+
+
+def environments(steps: int, repeats: int) -> None:
+    """Print the speed of each environment, compiled and in torch, which take turns."""
+    for name in ENVIRONMENTS:
+        for batch in BATCHES:
+            pairs = [
+                (
+                    steps_per_second(name, batch, "fused", steps),
+                    steps_per_second(name, batch, "reference", max(1, steps // SLOWER)),
+                )
+                for _ in range(repeats)
+            ]
+            case = {"environment": name, "at_once": batch}
+            for engine, speeds in zip(("fused", "reference"), zip(*pairs, strict=True), strict=True):
+                print(json.dumps({**case, "engine": engine, "steps_per_s": summary_of(speeds)}), flush=True)
+            ratio = statistics.median(quick / slow for quick, slow in pairs)
+            print(json.dumps({**case, "fused_over_reference": round(ratio, 1)}), flush=True)
+
+
+def summary_of(values: Sequence[float], digits: int | None = None) -> dict[str, float]:
+    found = {"median": statistics.median(values), "min": min(values), "max": max(values)}
+    return {key: round(value, digits) for key, value in found.items()}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=int, nargs="+", default=[1, 50])
@@ -91,6 +142,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--warm-up", type=float, default=200.0)
     parser.add_argument("--recorded", type=float, default=5000.0)
+    parser.add_argument("--steps", type=int, default=5000)
     arguments = parser.parse_args()
     quick = "fused" if arguments.device == "cpu" else "cuda"
     try:
@@ -103,26 +155,33 @@ def main() -> None:
     for robot in ROBOTS:
         for trials in arguments.trials:
             simulation = learnt(robot, trials, arguments.warm_up).to(arguments.device)
-            pairs = [
-                (speed(engine, simulation, arguments.seconds), speed(reference, simulation, REFERENCE_SECONDS))
-                for _ in range(arguments.repeats)
-            ]
-            case = {"robot": robot, "trials": trials, "threads": arguments.threads or torch.get_num_threads()}
-            for name, speeds in zip((quick, "reference"), zip(*pairs, strict=True), strict=True):
-                summary = {"median": statistics.median(speeds), "min": min(speeds), "max": max(speeds)}
-                rounded = {key: round(value) for key, value in summary.items()}
-                print(json.dumps({**case, "engine": name, "trial_ms_per_s": rounded}), flush=True)
-            ratio = statistics.median(one / other for one, other in pairs)
+            threads = min(trials, arguments.threads or os.cpu_count() or 1)
+            rounds = []
+            for _ in range(arguments.repeats):
+                limit = limit_of(simulation, threads=threads)["trial_ms_per_s"] if arguments.device == "cpu" else 0.0
+                fast, slow = (
+                    speed(engine, simulation, arguments.seconds),
+                    speed(reference, simulation, REFERENCE_SECONDS),
+                )
+                rounds.append((fast, slow, limit))
+            case = {"robot": robot, "trials": trials, "threads": threads}
+            speeds = list(zip(*rounds, strict=True))
+            for name, values in zip((quick, "reference"), speeds, strict=False):
+                print(json.dumps({**case, "engine": name, "trial_ms_per_s": summary_of(values)}), flush=True)
+            ratio = statistics.median(one / other for one, other, _ in rounds)
             print(json.dumps({**case, f"{quick}_over_reference": round(ratio, 1)}), flush=True)
+            if arguments.device == "cpu":
+                shares = [100.0 * one / limit for one, _, limit in rounds]
+                print(json.dumps({**case, "percent_of_limit": summary_of(shares, 1)}), flush=True)
+    if arguments.device == "cpu":
+        environments(arguments.steps, arguments.repeats)
     for robot in ROBOTS:
         for trials in arguments.trials:
             shares = [
                 recording(engine, arguments.device, robot, trials, arguments.recorded) for _ in range(arguments.repeats)
             ]
-            summary = {"median": statistics.median(shares), "min": min(shares), "max": max(shares)}
-            rounded = {key: round(value, 1) for key, value in summary.items()}
             case = {"robot": robot, "trials": trials, "seconds": arguments.recorded}
-            print(json.dumps({**case, "recording_percent_of_run": rounded}), flush=True)
+            print(json.dumps({**case, "recording_percent_of_run": summary_of(shares, 1)}), flush=True)
     machine = {"machine": platform.processor() or platform.machine(), "torch": torch.__version__}
     if arguments.device != "cpu":
         machine["gpu"] = torch.cuda.get_device_name(arguments.device)

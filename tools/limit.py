@@ -1,21 +1,22 @@
 """What the neurons and the random numbers of a brain cost alone on this machine: the limit of any engine on it.
 
-    python tools/limit.py [--seconds 20] [--repeats 7]
+    python tools/limit.py [--seconds 20] [--repeats 7] [--threads 1]
 
 All neurons of one trial are updated in every ms, LANES at a time, and what a tick draws is drawn; no spike is looked
-at, nothing is sent or learnt, and there is no world. One core, the brains of the thesis, in the network's precision.
-Prints one JSON line a brain, in ns a trial-millisecond and in trial-milliseconds a second.
+at, nothing is sent or learnt, and there is no world. The brains of the thesis, in the network's precision. Prints one
+JSON line a brain: ns a trial-millisecond on each of the threads, and trial-milliseconds a second of all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
@@ -50,57 +51,63 @@ def draw_alone(t, w, group, thresholds, tick, ticks):  # type: ignore[no-untyped
         fill_counts(w.injected, place, t.places, size, t.seed, 1, 0, k * tick, tick, thresholds)
 
 
-def best(work: Callable[[], Any], repeats: int) -> float:
-    """Shortest time of several calls (s)."""
+def together(work: Sequence[Callable[[], Any]], pool: ThreadPoolExecutor, repeats: int) -> float:
+    """Shortest time of several rounds (s), in each of which all threads do their work at once."""
     times = []
     for _ in range(repeats):
         started = time.perf_counter()
-        work()
+        for done in [pool.submit(one) for one in work]:
+            done.result()
         times.append(time.perf_counter() - started)
     return min(times)
 
 
-def limit_of(simulation: Simulation[Any], seconds: float, repeats: int) -> dict[str, float]:
-    """ns a trial-ms of the neurons and of the draws, on one core."""
+def limit_of(
+    simulation: Simulation[Any], seconds: float = 10.0, repeats: int = 3, threads: int = 1
+) -> dict[str, float]:
+    """ns a trial-ms of the neurons and of the draws on each of so many processors, and trial-ms/s of all of them."""
     network, coding, engine = simulation.network, simulation.situation.coding, FusedEngine(1)
-    simulation.run(engine, round(1000 * seconds / coding.tick))  # to a state of use
     bound, _ = engine.bind(network)
-    work = bound.works[coding.tick][0]
     program = Program(network.pending.numpy().dtype.type, stepping(bound.functions))
     update, draw = program.kernel(update_alone), program.kernel(draw_alone)
     thresholds, ticks = coding.exploration_thresholds.numpy(), round(1000 * seconds / coding.tick)
     motor, ms = coding.motor_groups[0], ticks * coding.tick
-    cells = np.copy(work.cells)
+    state = copy.deepcopy(simulation)
+    state.run(engine, 1)
+    work = engine.bind(state.network)[0].works[coding.tick][0]
+    works = [copy.deepcopy(work) for _ in range(threads)]
+    with ThreadPoolExecutor(threads) as pool:
+        parts = {
+            "neurons": [partial(update, bound.tables, one, ms) for one in works],
+            "draws": [partial(draw, bound.tables, one, motor, thresholds, coding.tick, ticks) for one in works],
+        }
+        for one in parts.values():
+            one[0]()  # compiled
+        found = {name: 1e9 * together(one, pool, repeats) / ms for name, one in parts.items()}
+    return {**found, "trial_ms_per_s": threads * 1e9 / sum(found.values())}
 
-    def neurons() -> None:
-        work.cells[:] = cells
-        update(bound.tables, work, ms)
 
-    def draws() -> None:
-        draw(bound.tables, work, motor, thresholds, coding.tick, ticks)
-
-    for part in (neurons, draws):
-        part()
-    return {"neurons": 1e9 * best(neurons, repeats) / ms, "draws": 1e9 * best(draws, repeats) / ms}
-
-
-def limits(seconds: float = 20.0, repeats: int = 7) -> dict[str, dict[str, float]]:
-    """By brain: ns a trial-ms, on one core."""
-    return {
-        name: limit_of(build(compose(f"+experiment={experiment}", "trials=1")), seconds, repeats)
-        for name, experiment in BRAINS.items()
-    }
+def limits(seconds: float, repeats: int, threads: int) -> dict[str, dict[str, float]]:
+    """By brain."""
+    found = {}
+    for name, experiment in BRAINS.items():
+        simulation = build(compose(f"+experiment={experiment}", "trials=1"))
+        simulation.run(FusedEngine(1), round(20_000 / simulation.tick))  # to a state of use
+        found[name] = limit_of(simulation, seconds, repeats, threads)
+    return found
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0, help="simulated, a measurement")
     parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument("--threads", type=int, default=1, help="that do this at once, each a trial of its own")
     arguments = parser.parse_args()
-    for name, parts in limits(arguments.seconds, arguments.repeats).items():
-        total = sum(parts.values())
-        rounded = {key: round(value, 1) for key, value in parts.items()}
-        print(json.dumps({"brain": name, "ns_per_trial_ms": rounded, "trial_ms_per_s_and_core": round(1e9 / total)}))
+    for name, parts in limits(arguments.seconds, arguments.repeats, arguments.threads).items():
+        speed = round(parts.pop("trial_ms_per_s"))
+        nanoseconds = {key: round(value, 1) for key, value in parts.items()}
+        case = {"brain": name, "threads": arguments.threads}
+        print(json.dumps({**case, "ns_per_trial_ms": nanoseconds, "trial_ms_per_s": speed}))
 
 
 if __name__ == "__main__":

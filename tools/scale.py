@@ -31,7 +31,8 @@ import numpy as np
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.style import ATTRACTION, PUBLISHED, figure
+from snnrl.drawing.palette import ATTRACTION
+from snnrl.drawing.style import PUBLISHED, figure
 from snnrl.engines import make_engine
 from snnrl.files import write
 from snnrl.running.job import perform

@@ -8,6 +8,7 @@ from torch import Tensor
 from snnrl.body.coding import wheel_speeds
 from snnrl.body.world.kinds import TAKEN
 from snnrl.configuration.builder import build_world
+from snnrl.engines import compiled_world
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
 from snnrl.schema import Config
@@ -19,7 +20,8 @@ class Foraging:
     """A batch of robots in the world of `config`, in the same control ticks as the spiking robot's.
 
     Args:
-        config: whose world, sensors, wheel speeds and tick are used; the rest is the brain's.
+        config: whose world, sensors, wheel speeds, tick and engine are used; the rest is the brain's. On the CPU the
+            world is compiled, unless `engine` is reference.
         draws: owner of all positions; its trials are the batch.
 
     Attributes:
@@ -38,26 +40,39 @@ class Foraging:
         device = draws.trials.device
         self.touched = torch.zeros(len(draws.trials), len(self.coding.touches), dtype=torch.bool, device=device)
         self.time = torch.zeros((), dtype=torch.int64, device=device)
+        lead = torch.arange(LEFT, RIGHT + 1, device=device).double() - STRAIGHT
+        self._speeds = torch.stack(wheel_speeds(lead, self.coding.slow, self.coding.fast), 1)
+        sensors = tuple(self.coding.ranges), tuple(self.coding.touches)
+        self._compiled = compiled_world(config.engine, self.world, *sensors)
 
     def ranges(self) -> Tensor:
         """The range sensors, left and right, float64 [B, R, 2] in [0, 1]."""
+        if self._compiled is not None:
+            return self._compiled.sense()
         values = self.world.sense()
         return torch.stack([values[name] for name in self.coding.ranges], 1)
 
     def wheels(self, choice: Tensor) -> Tensor:
         """Wheel speeds (cm/s), float64 [B, 2], of LEFT, STRAIGHT or RIGHT, int64 [B]."""
-        return torch.stack(wheel_speeds((choice - STRAIGHT).double(), self.coding.slow, self.coding.fast), 1)
+        return self._speeds[choice]
 
     def step(self, wheels: Tensor) -> Tensor:
         """Move through one tick at these wheel speeds (cm/s), [B, 2].
 
         Returns the reward, float64 [B]: +1 for each item of food taken, -1 for each of poison.
         """
+        if self._compiled is not None:
+            self.touched, reward = self._compiled.step(wheels, int(self.time))
+        else:
+            reward = self._step(wheels)
+        self.time += self.coding.tick
+        return reward
+
+    def _step(self, wheels: Tensor) -> Tensor:
+        """The world's own step, on any device."""
         before = self.world.touches.clone()
         touched = self.world.step(wheels, self.time)
         if self.coding.touches:
             self.touched = torch.stack([touched[name] for name in self.coding.touches], 1)
         taken = (self.world.touches - before) * (self.world.kinds.effect == TAKEN)
-        reward = (taken * self.world.value(self.time)).sum(1)
-        self.time += self.coding.tick
-        return reward
+        return (taken * self.world.value(self.time)).sum(1)

@@ -26,8 +26,6 @@ ROBOTS: Mapping[str, str] = {
     "no_burst_threshold": "#8C6D1F",
     "no_hunger": "#B8A200",
 }
-ATTRACTION, AVOIDANCE, OTHER = "#117733", "#AA4499", "#555555"  # Tol's, apart from every robot's
-FOOD, POISON, CONTAINER = "#44AA99", "#882255", "#DDCC77"
 PUBLISHED: Mapping[str, Any] = {"color": "#333333", "linestyle": (0, (4, 3)), "linewidth": 1.0}
 STYLE: Any = {
     "font.family": "DejaVu Sans",

@@ -5,11 +5,17 @@ Here belongs how time is advanced. Engines know the model and the body, and noth
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
+from typing import TYPE_CHECKING
 
+from snnrl.body.world import World
 from snnrl.engines.interface import Engine, Situation
 from snnrl.engines.reference import ReferenceEngine
 from snnrl.errors import ConfigError
+
+if TYPE_CHECKING:
+    from snnrl.engines.fused.foraging import CompiledWorld
 
 
 def make_engine(name: str, device: str, threads: int = 0) -> Engine:
@@ -18,12 +24,9 @@ def make_engine(name: str, device: str, threads: int = 0) -> Engine:
     Raises:
         ConfigError: if an engine is asked for a device that it cannot run on, or needs what is not installed.
     """
-    on_cpu = device == "cpu"
-    if name == "fused" and not on_cpu:
-        raise ConfigError("engine", name, f"runs on device=cpu only, not on device={device}")
     if name == "cuda":
         return _make_cuda(device)
-    if name == "reference" or not on_cpu:
+    if not _is_fused(name, device):
         return ReferenceEngine()
     from snnrl.engines.fused import FusedEngine
 
@@ -41,4 +44,27 @@ def _make_cuda(device: str) -> Engine:
     return engine
 
 
-__all__ = ["Engine", "ReferenceEngine", "Situation", "make_engine"]
+def _is_fused(name: str, device: str) -> bool:
+    on_cpu = device == "cpu"
+    if name == "fused" and not on_cpu:
+        raise ConfigError("engine", name, f"runs on device=cpu only, not on device={device}")
+    return name != "reference" and on_cpu
+
+
+def compiled_world(name: str, world: World, ranges: Sequence[str], touches: Sequence[str]) -> CompiledWorld | None:
+    """What moves the robots of a world that has no networks, for an engine of that name; None is the world itself.
+
+    Args:
+        ranges, touches: names of range and touch sensors, see `CompiledWorld`.
+
+    Raises:
+        ConfigError: if the fused engine is asked for a device that it cannot run on, or a world has its own code.
+    """
+    if not _is_fused(name, world.touches.device.type):
+        return None
+    from snnrl.engines.fused.foraging import CompiledWorld
+
+    return CompiledWorld(world, ranges, touches)
+
+
+__all__ = ["Engine", "ReferenceEngine", "Situation", "compiled_world", "make_engine"]

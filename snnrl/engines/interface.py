@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 from torch import Tensor
@@ -36,6 +37,12 @@ class Engine(Protocol):
     """What every engine can do; all results are in the modules' tensors afterwards."""
 
     name: str
+
+    def prepare(self, network: Network, situation: Situation, compiling: Callable[[], None]) -> None:
+        """Have all that `run` needs, without running: what takes time once comes here, not with the first tick.
+
+        `compiling` is called first if that is to compile, which takes seconds; not if it was done earlier.
+        """
 
     def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop: `ticks` control ticks; the one definition of their order.

@@ -32,7 +32,7 @@ DECAYS = 60.0  # time constants of an eligibility between these, at most: e^60 i
 # columns of Tables.groups
 SIZE, START, PLACE = range(3)
 # columns of Tables.noises
-NOISE_AT, NOISE_SIZE, NOISE_STREAM = range(3)
+NOISE_AT, NOISE_SIZE, NOISE_STREAM, NOISE_GROUP = range(4)
 # columns of Tables.projections
 PRE, POST, DELAY, SET, RULE, SIGNAL, ROWS, COLUMNS, DENSE_AT = range(9)
 # columns of Tables.matrices and of Tables.members
@@ -60,7 +60,7 @@ class Tables(NamedTuple):
     background: Any  # real [places], constant currents
     background_at: Any  # int64 [places / lanes], where a block's background is: among the constant ones, or behind
     background_step: Any  # int64 [places / lanes], how far from there to that of the next ms; 0 of a constant one
-    noises: Any  # int64 [Q, 3], of groups with a noisy background; one of these may be in it several times
+    noises: Any  # int64 [Q, 4], of groups with a noisy background; one of these may be in it several times
     noise_values: Any  # real [Q, 2]: current and amplitude; scale of a Gaussian one; kick, and below what it comes
     uniform: Any  # where among these the uniform ones end
     gaussian: Any  # where the Gaussian ones do, behind which are kicks
@@ -356,7 +356,7 @@ def _background(network: Network, places: dict[str, Any], lanes: int, real: Any)
             restless[at // lanes : (at + size - 1) // lanes + 1] = True
     before = np.cumsum(restless) - restless  # restless blocks before each
     drawn: dict[str, list[tuple[Any, ...]]] = {"background": [], "gaussian": [], "kicks": []}
-    for group, (size, _, at) in named:
+    for number, (group, (size, _, at)) in enumerate(named):
         place = before[at // lanes] * lanes + at % lanes
         for kind, needed, *value in (
             ("background", group.restless, group.current, group.noise),
@@ -364,15 +364,15 @@ def _background(network: Network, places: dict[str, Any], lanes: int, real: Any)
             ("kicks", group.kicked_below, group.kick, group.kicked_below),
         ):
             if needed:
-                drawn[kind].append((place, size, stream(kind, group.name), *value))
+                drawn[kind].append((place, size, stream(kind, group.name), number, *value))
     noises = [row for rows in drawn.values() for row in rows]
     blocks = np.arange(len(restless))
     return {
         "background": constant,
         "background_at": np.where(restless, places["places"] + before * lanes, blocks * lanes),
         "background_step": np.where(restless, restless.sum() * lanes, 0),
-        "noises": np.array([row[:3] for row in noises], np.int64).reshape(-1, 3),
-        "noise_values": np.array([row[3:] for row in noises], real).reshape(-1, 2),
+        "noises": np.array([row[:4] for row in noises], np.int64).reshape(-1, 4),
+        "noise_values": np.array([row[4:] for row in noises], real).reshape(-1, 2),
         "uniform": len(drawn["background"]),
         "gaussian": len(drawn["background"]) + len(drawn["gaussian"]),
     }

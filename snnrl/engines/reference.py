@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import torch
 from torch import Tensor
 
@@ -28,6 +30,9 @@ class ReferenceEngine:
     """Runs `Network.step` as it is written."""
 
     name = "reference"
+
+    def prepare(self, network: Network, situation: Situation, compiling: Callable[[], None]) -> None:
+        """There is nothing to prepare."""
 
     def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.interface.Engine`."""

@@ -1,4 +1,4 @@
-"""Exponential, sine and cosine in operations whose result IEEE 754 fixes: the same bits on every machine.
+"""Exponential, sine, cosine and square root in operations whose result IEEE 754 fixes: the same bits on every machine.
 
 Those of a processor maker's library differ in the last bit from machine to machine, and one bit in a table is
 another trial in the end. Elementwise, for float64 tensors; compiled, for float64 numbers.
@@ -15,6 +15,7 @@ from torch import Tensor
 LN2, LN2_REST = 6.93147180369123816490e-01, 1.90821492927058770002e-10
 QUARTER, QUARTER_REST = 1.57079632673412561417, 6.07710050650619224932e-11
 LOG2_E = 1.4426950408889634
+SPLIT = 134217729.0  # 2^27 + 1, by which a float64 falls into two halves (T. J. Dekker, 1971)
 LOWEST, HIGHEST = -708.0, 709.0  # beyond them the exponential is no normal float64
 POWERS = tuple((float(n), math.ldexp(1.0, n), math.ldexp(1.0, -n)) for n in (512, 256, 128, 64, 32, 16, 8, 4, 2, 1))
 # Taylor's coefficients, the last first; the next term is below 2^-56 of the sum where they are used
@@ -54,6 +55,19 @@ def _sine(x: Tensor, ahead: float) -> Tensor:
     quarter = n - 4.0 * torch.floor(0.25 * n)
     value = torch.where((quarter == 0.0) | (quarter == 2.0), sine, cosine)
     return torch.where(quarter >= 2.0, -value, value)
+
+
+def square_root(x: Tensor) -> Tensor:
+    """Square root, correctly rounded, of 0 or a number between 1e-280 and 1e280.
+
+    That of a library, which may be off by a bit, is corrected by what is left of x, computed without rounding.
+    """
+    root = torch.sqrt(x)
+    wide, square = SPLIT * root, root * root
+    high = wide - (wide - root)
+    low = root - high
+    rest = (x - square) - (((high * high - square) + 2.0 * high * low) + low * low)
+    return root + torch.where(root > 0.0, rest / torch.where(root > 0.0, 2.0 * root, 1.0), 0.0)
 
 
 def _series(coefficients: tuple[float, ...], x: Tensor) -> Tensor:

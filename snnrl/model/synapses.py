@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -96,3 +96,16 @@ class Projection(nn.Module):
     def extra_repr(self) -> str:
         kind = "plastic" if self.plastic else "fixed"
         return f"{self.pre} -> {self.post}, {len(self.weight)} synapses in {self.shape[0]} trials, {kind}"
+
+
+def totals(projections: Sequence[Projection], values: Sequence[Tensor]) -> Tensor:
+    """`Projection.total` of each of P projections of its values [S], all at once, [P, B] float64."""
+    lengths = torch.cat([projection.count for projection in projections])
+    summed = torch.segment_reduce(torch.cat(list(values)).double(), "sum", lengths=lengths, unsafe=True)
+    return summed.view(len(projections), -1)
+
+
+def means(projections: Sequence[Projection], values: Sequence[Tensor]) -> Tensor:
+    """`totals` over all pairs of neurons, absent synapses counted as zeros, [P, B] float64."""
+    pairs = [projection.shape[1] * projection.shape[2] for projection in projections]
+    return totals(projections, values) / torch.tensor(pairs, device=values[0].device)[:, None]

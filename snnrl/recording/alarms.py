@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import torch
 from torch import Tensor
 
+from snnrl.model.synapses import totals
 from snnrl.schema import AlarmsConfig
 from snnrl.simulation import Simulation
 
@@ -51,6 +53,9 @@ class Alarms:
         self._spikes = self._motor_spikes()
         self._heard = torch.full(self._spikes.shape, self._now(), dtype=torch.float64)  # s, [B, motors]
         self._plastic = [p for p in simulation.network.projections.values() if p.plastic]
+        if self._plastic:
+            self._least_bound = min(p.rule.weight_max for p in self._plastic if p.rule)
+            self._synapses = torch.stack([p.count for p in self._plastic]).sum(0)
         self._taxes = {}
         for role in roles:
             taxis, _, kind = role.rpartition("_")
@@ -74,7 +79,7 @@ class Alarms:
         Args:
             weight: mean weights (mV) at up to POINTS samples until now, [T, B, P] with a P for each of the roles.
         """
-        before = self.counts()
+        new = []
         found = {
             "silent": self._silent(),
             "saturated": self._saturated(),
@@ -82,8 +87,10 @@ class Alarms:
             "non-finite": self._non_finite(),
         }
         for kind, flagged in found.items():
-            self.first[kind][flagged.cpu() & self.first[kind].isnan()] = self._now()
-        return [kind for kind in self.counts() if kind not in before]
+            if flagged.any():
+                new += [kind] if self.first[kind].isnan().all() else []
+                self.first[kind][flagged.cpu() & self.first[kind].isnan()] = self._now()
+        return new
 
     def explain(self, kind: str) -> str:
         """What an alarm has found so far, in a line."""
@@ -123,30 +130,39 @@ class Alarms:
         network = self.simulation.network
         if self.config.saturated is None or not self._plastic:
             return torch.zeros(network.trials, dtype=torch.bool)
-        full = torch.stack([p.total(p.weight >= p.rule.weight_max) for p in self._plastic if p.rule]).sum(0)
-        return full > self.config.saturated * torch.stack([p.count for p in self._plastic]).sum(0)
+        share, weight = self.config.saturated, network.synapses.weight[: network.synapses.plastic]
+        if int((weight >= self._least_bound).sum()) <= share * int(self._synapses.min()):
+            return torch.zeros(network.trials, dtype=torch.bool)  # as nearly always
+        full = totals(self._plastic, [p.weight >= p.rule.weight_max for p in self._plastic if p.rule]).sum(0)
+        return full > share * self._synapses
 
     def _synchronised(self, weight: Tensor) -> Tensor:
         flagged = torch.zeros(self.simulation.trials, dtype=torch.bool)
         if self.config.synchronised is None or len(weight) < POINTS:
             return flagged
+        if float(weight.max()) <= self.config.synchronised_above:
+            return flagged  # no mean is above that
         for pair in self._taxes.values():
             means = torch.stack([weight[:, :, places].double().mean(2) for places in pair])  # [2, T, B]
-            centred = means - means.mean(1, keepdim=True)
-            correlation = centred.prod(0).sum(0) / centred.pow(2).sum(1).prod(0).sqrt()  # nan where one is constant
             attraction, avoidance = means.mean(1)
             strong = torch.minimum(attraction, avoidance) > self.config.synchronised_above
             strong &= attraction <= self.config.synchronised_lead * avoidance
+            if not strong.any():
+                continue
+            centred = means - means.mean(1, keepdim=True)
+            correlation = centred.prod(0).sum(0) / centred.pow(2).sum(1).prod(0).sqrt()  # nan where one is constant
             flagged |= strong & (correlation > self.config.synchronised)
         return flagged
 
     def _non_finite(self) -> Tensor:
         network = self.simulation.network
         table, neurons = network.synapses, network.neurons
+        levels = [modulator.level for modulator in network.modulators.values()]
+        sums = (float(values.sum()) for values in (neurons.v, neurons.u, table.weight, table.eligibility, *levels))
+        if math.isfinite(sum(sums)):
+            return torch.zeros(network.trials, dtype=torch.bool)  # what is infinite or no number makes a sum so
         finite = (neurons.v.isfinite() & neurons.u.isfinite()).all(1)
-        for modulator in network.modulators.values():
-            finite &= modulator.level.isfinite()
-        if not (table.weight.sum() + table.eligibility.sum()).isfinite():  # else all of them are
-            wrong = table.trial[~(table.weight.isfinite() & table.eligibility.isfinite())]
-            finite[wrong] = False
+        for level in levels:
+            finite &= level.isfinite()
+        finite[table.trial[~(table.weight.isfinite() & table.eligibility.isfinite())]] = False
         return ~finite

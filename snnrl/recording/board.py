@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.tensorboard import FileWriter, summary
 
@@ -59,7 +61,8 @@ class Board:
         return {f"{OF_ROLE}/{role}": sum(means) / len(means) for role, means in roles.items()}
 
     def histograms(self, step: int) -> None:
-        """The weights (mV) of each projection, over all trials."""
+        """The weights (mV) of each projection, over all trials, in one event."""
+        found = Summary()
         for projection in self.followed:
             weights = projection.weight.double().cpu().numpy()
             weights = weights[np.isfinite(weights)]
@@ -67,7 +70,7 @@ class Board:
                 most = weights.max() if projection.rule is None else projection.rule.weight_max
                 bounds = (min(0.0, weights.min()), max(most, weights.max()))
                 counts, edges = np.histogram(weights, BINS, bounds)
-                self._writer.add_summary(
+                found.MergeFrom(
                     summary.histogram_raw(
                         f"{WEIGHTS}/{projection.name}",
                         min=weights.min(),
@@ -77,13 +80,16 @@ class Board:
                         sum_squares=weights.dot(weights),
                         bucket_limits=edges[1:].tolist(),
                         bucket_counts=counts.tolist(),
-                    ),
-                    step,
+                    )
                 )
+        self._writer.add_summary(found, step)
 
     def picture(self, tag: str, pixels: np.ndarray, step: int) -> None:
         """uint8 [height, width, 3]."""
-        self._writer.add_summary(summary.image(tag, pixels, dataformats="HWC"), step)
+        encoded, (height, width, colours) = io.BytesIO(), pixels.shape
+        Image.fromarray(pixels).save(encoded, "PNG", compress_level=3)
+        image = Summary.Image(height=height, width=width, colorspace=colours, encoded_image_string=encoded.getvalue())
+        self._writer.add_summary(Summary(value=[Summary.Value(tag=tag, image=image)]), step)
 
     def note(self, tag: str, text: str, step: int) -> None:
         self._writer.add_summary(summary.text(tag, text), step)

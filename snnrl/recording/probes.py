@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from snnrl.body.robot import Robot
-from snnrl.model.synapses import DOPAMINE, Projection
+from snnrl.model.synapses import DOPAMINE, Projection, means
 from snnrl.schema import FOOD
 from snnrl.simulation import Simulation
 from snnrl.tasks.task import Task
@@ -137,16 +137,18 @@ def firing_rate(moment: Moment) -> Tensor:
 
 
 def weight(moment: Moment) -> Tensor:
-    return _of_each(moment, Projection.mean_weight)
+    return _of_each(moment, "weight")
 
 
 def eligibility(moment: Moment) -> Tensor:
-    return _of_each(moment, Projection.mean_eligibility)
+    return _of_each(moment, "eligibility")
 
 
-def _of_each(moment: Moment, mean: Callable[[Projection], Tensor]) -> Tensor:
-    found = [mean(projection).float() for projection in followed(moment.simulation)]
-    return torch.stack(found, 1) if found else torch.zeros(moment.simulation.trials, 0)
+def _of_each(moment: Moment, values: str) -> Tensor:
+    projections = followed(moment.simulation)
+    if not projections:
+        return torch.zeros(moment.simulation.trials, 0)
+    return means(projections, [getattr(projection, values) for projection in projections]).float().T
 
 
 def mean_dopamine(moment: Moment) -> Tensor:

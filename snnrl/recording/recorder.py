@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from snnrl.drawing import snapshots
 from snnrl.files import csv_of, npz_of, write
 from snnrl.model.synapses import Projection
 from snnrl.recording.alarms import POINTS, Alarms
@@ -76,11 +77,10 @@ class Recorder:
         """Of TensorBoard, simulated s."""
         return round(self.simulation.seconds)
 
-    def sample(self) -> tuple[str, list[str]]:
-        """Read all probes.
+    def sample(self, shown: bool = True) -> list[str]:
+        """Read all probes; `shown`, in TensorBoard too.
 
-        Returns what a line of progress tells of them, and a line for each kind of alarm that has occurred for the
-        first time.
+        Returns a line for each kind of alarm that has occurred for the first time.
         """
         now, last = counts(self.simulation), round(int(self._before["ms"]) / 1000.0)
         moment = Moment(self.simulation, {key: values - self._before[key] for key, values in now.items()})
@@ -90,10 +90,14 @@ class Recorder:
         if self.board is not None:
             for kind, line in rung.items():
                 self.board.note(f"alarm: {kind}", line, self._step)
-            if self._step > last:
+            if shown and self._step > last:
                 self.board.scalars(self._scalars(moment), self._step)
-        told = [probe.told.format(self._samples[probe.name][-1].mean()) for probe in self.kept.probes if probe.told]
-        return ", ".join(told), list(rung.values())
+        return list(rung.values())
+
+    def told(self) -> str:
+        """What a line of progress tells of the latest sample."""
+        probes = [probe for probe in self.kept.probes if probe.told]
+        return ", ".join(probe.told.format(self._samples[probe.name][-1].mean()) for probe in probes)
 
     def _keep(self, moment: Moment, probes: Sequence[Probe]) -> None:
         for probe in probes:
@@ -130,18 +134,16 @@ class Recorder:
         """Show the first trial: where its robot has been, who has fired, its weights."""
         if self.board is None:
             return
-        from snnrl.drawing import pictures  # matplotlib takes a while
-
         network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
         shown = {
-            f"last {PATH // 1000} s in the arena": pictures.arena(world, self.film.path.numpy()),
-            "last spikes": pictures.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
-            "weights": pictures.weight_matrix(network, self.followed or list(network.projections.values())),
+            f"last {PATH // 1000} s in the arena": snapshots.arena(world, self.film.path.numpy()),
+            "last spikes": snapshots.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
+            "weights": snapshots.weight_matrix(network, self.followed or list(network.projections.values())),
         }
         for tag, drawn in shown.items():
             if drawn is not None:
                 trial = int(network.draws.trials[0])
-                self.board.picture(f"trial {trial}/{tag}", pictures.pixels(drawn), self._step)
+                self.board.picture(f"trial {trial}/{tag}", drawn, self._step)
 
     def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
         """Write series.npz, weights.npz and trials.csv, and close the events; returns the results, and the alarms.

@@ -17,8 +17,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
+from snnrl.drawing.palette import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON
 from snnrl.drawing.pictures import draw_world
-from snnrl.drawing.style import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON, STYLE, figure
+from snnrl.drawing.style import STYLE, figure
 from snnrl.replay.trial import Recording
 from snnrl.schema import FOOD as SCORED
 

@@ -154,6 +154,8 @@ def simulate(
     recorder = Recorder(simulation, kept, config.record, folder, named, saved.recorder if saved else None)
     wall = saved.wall if saved else 0.0
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds, wall)
+    with progress.preparing():
+        engine.prepare(simulation.network, simulation.situation, lambda: progress.say("compiling, once"))
     done, pace = int(simulation.network.time) // simulation.tick, Pace()
     while done < schedule.end:
         ticks = min(pace.ticks, schedule.left(done))
@@ -191,10 +193,9 @@ def _record(recorder: Recorder, due: Due, progress: Progress) -> None:
     if due.point:
         recorder.point()
     if due.sample:
-        state, alarms = recorder.sample()
-        for line in alarms:
+        for line in recorder.sample(due.scalars):
             progress.say(line)
-        progress.show(recorder.simulation.seconds, state)
+        progress.show(recorder.simulation.seconds, recorder.told)
     if due.histograms:
         recorder.histograms()
     if due.picture:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 
 class Progress:
@@ -29,8 +31,15 @@ class Progress:
         """s of wall time that the run has taken so far."""
         return time.perf_counter() - self.started
 
-    def show(self, done: float, state: str) -> None:
-        """`done` simulated seconds of each trial; `state` is what they came to."""
+    @contextmanager
+    def preparing(self) -> Iterator[None]:
+        """What happens in this context is no part of the run's time."""
+        began = time.perf_counter()
+        yield
+        self.started += time.perf_counter() - began
+
+    def show(self, done: float, state: Callable[[], str]) -> None:
+        """`done` simulated seconds of each trial; `state` says what they came to."""
         now = time.perf_counter()
         part = min(done / self.seconds, 1.0)
         due = now - self.shown > 0.2 or part == 1.0 if self.redraws else part * 10 >= self.tenth + 1
@@ -41,7 +50,7 @@ class Progress:
         speed = self.trials * done / wall
         left = wall * (1.0 - part) / part
         line = (
-            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {state}  "
+            f"{self.name}  {part:4.0%}  {done:.0f} of {self.seconds:.0f} s  {state()}  "
             f"{speed / 1000.0:.2f} million trial-ms/s, {speed:,.0f} x real time  {left:.0f} s left"
         )
         self._print(line, "\r" if self.redraws and part < 1.0 else "\n")

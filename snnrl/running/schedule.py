@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from snnrl.recording.film import spacing
 from snnrl.schema import Config
 
 NEVER = 1 << 60
+# What TensorBoard gets of a run at most, and one more for each so many trial-seconds: of runs that are over in seconds
+# writing all of it would take longer than simulating
+POINTS, SECONDS_A_POINT = 60, 1000.0
+HISTOGRAMS, SECONDS_A_HISTOGRAM = 4, 10_000.0
 
 
 def ticks_of(seconds: float | None, tick: int) -> int:
@@ -34,10 +39,11 @@ class Every:
 
 @dataclass(frozen=True)
 class Due:
-    """What is due after a tick: to note where the robot is, a sample, histograms, a picture, a checkpoint."""
+    """What is due after a tick: a point of the path, a sample, its scalars, histograms, a picture, a checkpoint."""
 
     point: bool
     sample: bool
+    scalars: bool
     histograms: bool
     picture: bool
     checkpoint: bool
@@ -46,8 +52,8 @@ class Due:
 class Schedule:
     """What is due when, from the intervals of a configuration.
 
-    At the end of a run there is a sample and, where there are pictures, a picture too. Before each picture some ticks
-    are filmed: who fires, and every so often where the robot is.
+    At the end of a run there is a sample, which is shown, and, where there are pictures, a picture too. Before each
+    picture some ticks are filmed: who fires, and every so often where the robot is.
 
     Args:
         config: of the run.
@@ -66,9 +72,21 @@ class Schedule:
         self.histograms, self.pictures = (
             Every(ticks_of(seconds, tick) if shown else 0) for seconds in (record.histograms, record.pictures)
         )
+        work = config.trials * config.seconds
+        self.scalars = self._sparser(self.samples, POINTS + work / SECONDS_A_POINT)
+        self.histograms = self._sparser(self.histograms, HISTOGRAMS + work / SECONDS_A_HISTOGRAM)
         self.checkpoints = Every(ticks_of(config.checkpoint.every, tick))
         self._step, points = spacing(tick)
         self._stretch = self._step * points
+
+    def _sparser(self, every: Every, most: float) -> Every:
+        """Every n-th of what is due, the first n so large that there are at most so many."""
+        if not every.ticks:
+            return every
+        first = every.first or every.ticks
+        due = (self.end - first) // every.ticks + 1
+        apart = max(1, math.ceil(due / most))
+        return Every(apart * every.ticks, first + (apart - 1) * every.ticks)
 
     def left(self, done: int) -> int:
         """How many ticks there are after `done` until the next thing is due, or filming begins."""
@@ -95,6 +113,7 @@ class Schedule:
         return Due(
             point=self.filmed(done - 1) and (picture or self._picture(done) % self._step == 0),
             sample=self.samples.due(done) or at_end,
+            scalars=self.scalars.due(done) or at_end,
             histograms=self.histograms.due(done),
             picture=picture,
             checkpoint=self.checkpoints.due(done),

@@ -11,8 +11,9 @@ from matplotlib.patches import Circle
 
 from snnrl.body.world import World
 from snnrl.drawing import style
+from snnrl.drawing.palette import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON
 from snnrl.drawing.pictures import draw_world
-from snnrl.drawing.style import ATTRACTION, AVOIDANCE, FOOD, OTHER, POISON, PUBLISHED, ROBOTS, band, figure, mark
+from snnrl.drawing.style import PUBLISHED, ROBOTS, band, figure, mark
 from snnrl.recording.criteria import LEAD, STRENGTH
 from snnrl.recording.runs import Run
 from snnrl.thesis.claims import FIVE_ROBOTS, SIDES, Runs, escapes, pathways, smooth, taxis

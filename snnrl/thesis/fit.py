@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from snnrl.drawing.style import OTHER, figure
+from snnrl.drawing.palette import OTHER
+from snnrl.drawing.style import figure
 from snnrl.recording.runs import Run
 from snnrl.schema import PlasticityConfig
 from snnrl.thesis.loss import FARTHEST

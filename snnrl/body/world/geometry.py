@@ -7,7 +7,7 @@ import math
 import torch
 from torch import Tensor
 
-from snnrl.model.elementary import cos, sin
+from snnrl.model.elementary import cos, sin, square_root
 
 PRECISION = torch.float64
 TURN = 2.0 * math.pi
@@ -41,7 +41,7 @@ def drive(
 
 def in_disc(radius: Tensor, first: Tensor, second: Tensor) -> tuple[Tensor, Tensor]:
     """A uniform point of a disc round the origin (cm), from two numbers uniform in [0, 1)."""
-    distance = radius * torch.sqrt(first)
+    distance = radius * square_root(first)
     angle = TURN * second
     return distance * cos(angle), distance * sin(angle)
 

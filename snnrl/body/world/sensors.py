@@ -9,6 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from snnrl.model.elementary import square_root
+
 PRECISION = torch.float64
 
 
@@ -24,7 +26,7 @@ def faces(dx: Tensor, dy: Tensor, along: Tensor, across: Tensor) -> tuple[Tensor
 
 def distance_to(dx: Tensor, dy: Tensor, inner: Tensor) -> Tensor:
     """How far an object is (cm), measured to where it begins: `inner` cm from its centre."""
-    return torch.sqrt(dx * dx + dy * dy) - inner
+    return square_root(dx * dx + dy * dy) - inner
 
 
 def range_value(distance: Tensor, reach: float) -> Tensor:

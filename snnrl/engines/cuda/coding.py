@@ -46,8 +46,9 @@ def inject(t, w, coding, trial, now, first, largest):
                     draw = bits(t.seed, coding.touch_streams[kind], number, now, index)
                     w.injected[n] += coding.touch_gain * real(poisson(draw, coding.touch_thresholds))
         if g == explorer:
-            draw = bits(t.seed, coding.exploration_streams[w.motor[0]], number, now, index)
-            w.injected[n] += real(poisson(draw, coding.exploration_thresholds))
+            drawn = first if coding.held else now
+            draw = bits(t.seed, coding.exploration_streams[w.motor[0]], number, drawn, index)
+            w.injected[n] += coding.exploration_gain * real(poisson(draw, coding.exploration_thresholds))
 
 
 def poisson(draw, thresholds):

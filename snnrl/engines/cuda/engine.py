@@ -69,6 +69,10 @@ class CudaEngine:
         self.device = "cpu" if SIMULATED else "cuda"
         self._bound: WeakKeyDictionary[Network, _Bound] = WeakKeyDictionary()
 
+    def prepare(self, network: Network, situation: Situation, compiling: Callable[[], None]) -> None:
+        """Kernels are compiled in every process anew, at their first launch."""
+        compiling()
+
     def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.interface.Engine`. A robot is compiled whole; of another situation, only
         the network is.

@@ -7,9 +7,10 @@ from typing import Any
 
 from snnrl.engines.cuda.compiler import real
 from snnrl.engines.fused.compiler import placeholder, spelled
-from snnrl.engines.fused.draws import uniform
+from snnrl.engines.fused.draws import UNIT, bits
 from snnrl.engines.layout import NOISE_STREAM, SIZE, START, Functions
-from snnrl.model.neurons import uniform_noise
+from snnrl.model.draws import bell
+from snnrl.model.neurons import gaussian_noise, kicked, uniform_noise
 
 
 @placeholder
@@ -19,12 +20,29 @@ def step_cell(model, packed, trial, n, current):
 
 def background(t, g, trial, n, now):
     """Constant or noisy background current."""
-    noise = t.wiring.noise[g]
-    if noise < 0:
-        return t.tables.background[n]
-    stream, index = t.tables.noises[noise, NOISE_STREAM], n - t.tables.groups[g, START]
-    draw = uniform(t.tables.seed, stream, t.tables.trials[trial], now, index)
-    return uniform_noise(real(draw), t.tables.noise_values[noise, 0], t.tables.noise_values[noise, 1])
+    tables, current = t.tables, t.tables.background[n]
+    seed, number, index = tables.seed, tables.trials[trial], n - tables.groups[g, START]
+    for q in range(t.wiring.noises[g], t.wiring.noises[g + 1]):
+        noise = t.wiring.noise[q]
+        stream, one, other = (
+            tables.noises[noise, NOISE_STREAM],
+            tables.noise_values[noise, 0],
+            tables.noise_values[noise, 1],
+        )
+        draw = bits(seed, stream, number, now, index)
+        if noise < tables.uniform:
+            current = uniform_noise(real(draw * UNIT), one, other)
+        elif noise < tables.gaussian:
+            size = tables.groups[g, SIZE]
+            two, three, four = (
+                bits(seed, stream, number, now, index + size),
+                bits(seed, stream, number, now, index + 2 * size),
+                bits(seed, stream, number, now, index + 3 * size),
+            )
+            current = gaussian_noise(current, real(bell(draw, two, three, four)), one)
+        else:
+            current = kicked(current, draw, int(other), one)
+    return current
 
 
 def update_cells(t, s, w, trial, now, raster, row):

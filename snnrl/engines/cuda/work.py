@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from snnrl.engines.layout import NONE, SOURCES_END, Tables
+from snnrl.engines.layout import NOISE_GROUP, SOURCES_END, Tables
 from snnrl.model.network import Network
 
 
@@ -36,7 +36,8 @@ class Wiring(NamedTuple):
     source: Any  # int32 [S], presynaptic neurons
     delay: Any  # int32 [S], ms
     least: Any  # real [P], the least weight
-    noise: Any  # int64 [G], the row of a noisy group in `Tables.noises`, or NONE
+    noises: Any  # int64 [G + 1], where each group's begin in `noise`
+    noise: Any  # int64 [Q], rows of `Tables.noises`, group by group, uniform ones before Gaussian ones and kicks
     synapses: Any  # the most that a trial has
 
 
@@ -94,7 +95,7 @@ def wiring_of(network: Network, tables: Tables) -> Wiring:
     shift = begins.ravel() - (np.cumsum(counts) - counts.ravel())
     place = np.arange(len(post)) + np.repeat(shift, counts.ravel())
     rules = [projection.rule for projection in projections]
-    noisy = np.array([group.noise != 0 for group in network.groups.values()])
+    noisy = tables.noises[:, NOISE_GROUP]
     return Wiring(
         begins=begins,
         entering=np.searchsorted(post[order], np.arange(network.trials * network.size + 1)),
@@ -102,7 +103,8 @@ def wiring_of(network: Network, tables: Tables) -> Wiring:
         source=tables.source[order],
         delay=table.delay.cpu().numpy()[order].astype(np.int32),
         least=np.array([0.0 if rule is None else rule.weight_min for rule in rules], tables.signals.dtype),
-        noise=np.where(noisy, np.cumsum(noisy) - 1, NONE),
+        noises=np.searchsorted(np.sort(noisy), np.arange(len(network.groups) + 1)),
+        noise=np.argsort(noisy, kind="stable"),
         synapses=int(counts.sum(0).max(initial=0)),
     )
 

@@ -17,7 +17,8 @@ import hashlib
 import math
 import operator
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
@@ -221,7 +222,12 @@ def _names(code: CodeType) -> list[str]:
 
 
 class _Kept(FunctionCache):
-    """Compiled code on the disk, in ~/.cache/snnrl or numba's own folder, under a key that says what was compiled."""
+    """Compiled code on the disk, in ~/.cache/snnrl or numba's own folder, under a key that says what was compiled.
+
+    `missing` is called when the disk has none.
+    """
+
+    missing: Callable[[], None] | None = None
 
     def __init__(self, function: Any, key: str) -> None:
         self._key = key
@@ -232,8 +238,24 @@ class _Kept(FunctionCache):
         finally:
             settings.CACHE_DIR = chosen
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        found = super().load_overload(sig, target_context)
+        if found is None and self.missing is not None:
+            self.missing()
+        return found
+
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return sig, codegen.magic_tuple(), self._key
+
+
+@contextmanager
+def announced(kernel: Any, compiling: Callable[[], None]) -> Iterator[None]:
+    """Have `compiling` called before a kernel of a `Program` is compiled in the context; not if it has been earlier."""
+    kernel._cache.missing = compiling
+    try:
+        yield
+    finally:
+        kernel._cache.missing = None
 
 
 def spelled(name: str, arguments: str, body: str, scope: Mapping[str, Any]) -> Callable[..., Any]:

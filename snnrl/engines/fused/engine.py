@@ -21,7 +21,7 @@ from snnrl.body.coding import Coding
 from snnrl.body.robot import Robot
 from snnrl.body.world import World
 from snnrl.engines.fused.coding import coding_arrays, run_robot
-from snnrl.engines.fused.compiler import Program
+from snnrl.engines.fused.compiler import Program, announced
 from snnrl.engines.fused.modulators import releasing
 from snnrl.engines.fused.network import run_network
 from snnrl.engines.fused.neurons import stepping
@@ -29,7 +29,7 @@ from snnrl.engines.fused.plasticity import bounding
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.work import State, Work, work_for
 from snnrl.engines.fused.world import world_arrays
-from snnrl.engines.interface import Situation
+from snnrl.engines.interface import Given, Situation
 from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, real_of, tables, topology
 from snnrl.engines.reference import run_ticks
 from snnrl.errors import ConfigError
@@ -39,6 +39,7 @@ from snnrl.model.network import Network, SynapseTable
 from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Projection
 
+Part = Callable[[int, int], None]  # runs the trials from one to another
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting
 COMPILED = (
     *(Network, NeuronGroup, Projection, Modulator),
@@ -72,6 +73,15 @@ class FusedEngine:
         self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
         self._bound: WeakKeyDictionary[Network, _Bound] = WeakKeyDictionary()
 
+    def prepare(self, network: Network, situation: Situation, compiling: Callable[[], None]) -> None:
+        """Compile, or read from the disk; see `snnrl.engines.interface.Engine`."""
+        if isinstance(situation, Robot):
+            kernel, part = self._robot_part(network, situation, 0, None)
+        else:
+            kernel, part = self._network_part(network, network.pending.new_zeros(0, network.trials, network.size))
+        with announced(kernel, compiling):
+            part(0, 0)  # of no trial
+
     def run(self, network: Network, situation: Situation, ticks: int, raster: Tensor | None = None) -> None:
         """Closed loop; see `snnrl.engines.interface.Engine`. A robot is compiled whole; of another situation, only
         the network is.
@@ -79,12 +89,19 @@ class FusedEngine:
         if not isinstance(situation, Robot):
             run_ticks(self, network, situation, ticks, raster)
             return
+        _, part = self._robot_part(network, situation, ticks, raster)
+        self._spread(part, network.trials)
+        network.time += ticks * situation.coding.tick
+
+    def _robot_part(self, network: Network, situation: Robot, ticks: int, raster: Tensor | None) -> tuple[Any, Part]:
+        """The kernel, and what calls it for a range of trials."""
         check_compiled(self.name, *situation.modules())
         world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
         size, kinds = poisson_table_size(situation.coding.range_mean), len(situation.world.kinds.names)
         bound, state = self.bind(network)
         kernel = kernels(bound.functions, real_of(network))[1]
         spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
+        bound.works.setdefault(coding.tick, deque())
 
         def part(low: int, high: int) -> None:
             works = bound.works[coding.tick]
@@ -93,9 +110,7 @@ class FusedEngine:
             kernel(bound.tables, state, work, world, coding, *scratch, low, high, time, ticks, spikes, none)
             works.append(work)
 
-        bound.works.setdefault(coding.tick, deque())
-        self._spread(part, network.trials)
-        network.time += ticks * coding.tick
+        return kernel, part
 
     def run_network(
         self,
@@ -107,12 +122,21 @@ class FusedEngine:
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
+        _, part = self._network_part(network, injected, sign, raster, reward)
+        self._spread(part, network.trials)
+        network.time += len(injected)
+
+    def _network_part(
+        self, network: Network, injected: Tensor, sign: Given = None, raster: Given = None, reward: Given = None
+    ) -> tuple[Any, Part]:
+        """The kernel, and what calls it for a range of trials."""
         bound, state = self.bind(network)
         kernel = kernels(bound.functions, real_of(network))[0]
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
         given = [tensor.contiguous().numpy() for tensor in (injected, signs)]
         spikes, time, rewarded = _raster(raster, network), int(network.time), rewards.contiguous().numpy()
+        bound.works.setdefault(MILLISECONDS, deque())
 
         def part(low: int, high: int) -> None:
             works = bound.works[MILLISECONDS]
@@ -120,11 +144,9 @@ class FusedEngine:
             kernel(bound.tables, state, work, low, high, time, *given, spikes, rewarded)
             works.append(work)
 
-        bound.works.setdefault(MILLISECONDS, deque())
-        self._spread(part, network.trials)
-        network.time += len(injected)
+        return kernel, part
 
-    def _spread(self, part: Callable[[int, int], None], trials: int) -> None:
+    def _spread(self, part: Part, trials: int) -> None:
         """Call `part` for ranges of trials, on all threads.
 
         Those that run at the same time lie far apart: small tensors hold several trials in one cache line.
@@ -151,7 +173,6 @@ class FusedEngine:
             _note(made[1])
             known = self._bound[network] = _Bound(network.synapses, found, described, *made, {})
         modulators = list(network.modulators.values())
-        none = Modulator("none", {"count": ""}, 1, 0.0, 1.0, 1, NOTHING, network.dtype, "cpu")
         state = State(
             network.neurons.packed.numpy(),
             network.neurons.last_spike.numpy(),
@@ -160,7 +181,10 @@ class FusedEngine:
             network.synapses.weight.numpy(),
             network.synapses.eligibility.numpy(),
             known.topology.settled,
-            *(tuple(getattr(m, key).numpy() for m in modulators or [none]) for key in MODULATOR),
+            *(
+                tuple(getattr(m, key).numpy() for m in modulators or [_no_modulator(network.dtype)])
+                for key in MODULATOR
+            ),
         )
         return known, state
 
@@ -171,6 +195,12 @@ class FusedEngine:
 
 NOTHING = {"release": 0.0, "threshold": 0.0}
 MODULATOR = ("level", "total", "pending", "rate")  # in the order of `State`
+
+
+@cache
+def _no_modulator(dtype: torch.dtype) -> Modulator:
+    """In place of those that a network does not have: a kernel's tuples cannot be empty."""
+    return Modulator("none", {"count": ""}, 1, 0.0, 1.0, 1, NOTHING, dtype, "cpu")
 
 
 @cache
@@ -210,15 +240,21 @@ def describe(network: Network) -> tuple[Any, ...]:
     )
 
 
-def check_compiled(engine: str, *parts: object) -> None:
+def check_compiled(engine: str, *parts: nn.Module) -> None:
     """Raise ConfigError for a part of the model with code of its own, of which the kernels know nothing."""
     for part in parts:
         if type(part) not in COMPILED:
             raise ConfigError("engine", engine, f"cannot run {type(part).__name__}; use engine=reference")
-        for name in vars(part):
-            if callable(getattr(type(part), name, None)):
-                changed = f"{type(part).__name__}.{name}"
-                raise ConfigError("engine", engine, f"cannot run a changed {changed}; use engine=reference")
+        kind: Any = type(part)
+        for name in vars(part).keys() & _methods(kind):
+            changed = f"{type(part).__name__}.{name}"
+            raise ConfigError("engine", engine, f"cannot run a changed {changed}; use engine=reference")
+
+
+@cache
+def _methods(kind: type) -> set[str]:
+    """Names of all that can be called on objects of a type."""
+    return {name for name in dir(kind) if callable(getattr(kind, name, None))}
 
 
 def _processors() -> int:

@@ -1,0 +1,90 @@
+"""`World.step` and `World.sense` for all trials of a batch, compiled: a world without a network."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from snnrl.body.world import World
+from snnrl.body.world.kinds import TAKEN
+from snnrl.engines.fused.compiler import Program
+from snnrl.engines.fused.engine import check_compiled
+from snnrl.engines.fused.world import sense, step_world, world_arrays
+
+PRECISION = torch.float64
+
+
+class CompiledWorld:
+    """Moves and senses in place on the tensors of a world on the CPU.
+
+    Args:
+        world: of B trials.
+        ranges, touches: names of the R range and T touch sensors, in the order of what is returned.
+
+    Raises:
+        ConfigError: if the world has code of its own.
+    """
+
+    def __init__(self, world: World, ranges: Sequence[str], touches: Sequence[str]) -> None:
+        check_compiled("fused", world)
+        names, sensors = list(world.kinds.names), list(world.config.ranges)
+        self._arrays, self._trials = world_arrays(world), world.draws.trials.numpy()
+        self._seed = world.draws.seed
+        self._sensors = np.array([sensors.index(name) for name in ranges], np.int64)
+        self._felt = np.array([names.index(name) for name in touches], np.int64)
+        self._counts = np.zeros(len(names), np.int64)
+        self._step, self._sense = kernels()
+
+    def step(self, wheels: Tensor, time: int) -> tuple[Tensor, Tensor]:
+        """`World.step` through one tick.
+
+        Args:
+            wheels: speed of the left and right wheel, float64 [B, 2], cm/s.
+            time: ms.
+
+        Returns what the touch sensors felt, bool [B, T], and what was taken, each by its sign, summed, float64 [B].
+        """
+        trials = len(self._trials)
+        touched, value = np.empty((trials, len(self._felt)), np.bool_), np.empty(trials)
+        speeds = wheels.double().expand(trials, 2).contiguous().numpy()
+        self._step(self._arrays, self._seed, self._trials, speeds, time, self._felt, self._counts, touched, value)
+        return torch.from_numpy(touched), torch.from_numpy(value)
+
+    def sense(self) -> Tensor:
+        """`World.sense`: the range sensors from where the robots are now, float64 [B, R, 2] (left, right)."""
+        values = np.zeros((len(self._trials), len(self._sensors), 2))
+        self._sense(self._arrays, self._sensors, values)
+        return torch.from_numpy(values)
+
+
+@cache
+def kernels() -> tuple[Any, Any]:
+    """`step_trials` and `sense_trials`, compiled."""
+    program = Program(np.float64, {})
+    return program.kernel(step_trials), program.kernel(sense_trials)
+
+
+def step_trials(world, seed, trials, wheels, time, felt, counts, touched, value):
+    """All trials through one tick; `counts`, int64 [K], is scratch."""
+    for trial in range(len(trials)):
+        step_world(world, seed, trials[trial], trial, wheels[trial, 0], wheels[trial, 1], time, counts)
+        for sensor in range(len(felt)):
+            touched[trial, sensor] = counts[felt[sensor]] > 0
+        total = 0.0
+        for k in range(len(counts)):
+            if counts[k] > 0 and world.effect[k] == TAKEN:
+                total += counts[k] * (-world.signs[k] if time >= world.turns[k] else world.signs[k])
+        value[trial] = total
+
+
+def sense_trials(world, sensors, values):
+    """The range sensors of all trials, into zeros."""
+    for trial in range(values.shape[0]):
+        for sensor in range(len(sensors)):
+            eye, sensed = sense(world, trial, sensors[sensor])
+            values[trial, sensor, eye] = sensed
