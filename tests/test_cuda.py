@@ -102,8 +102,14 @@ def food_only_in_float32() -> None:
 
 
 def poison() -> None:
-    run = closed_loop(simulation(*POISON, "dtype=float64"), 2)
-    assert (run.situation.world.sign < 0).any()
+    """Two ticks in which the second trial eats some, and its dopamine falls."""
+    run = simulation(*POISON, "dtype=float64")
+    run.run(make_engine("fused", "cpu", 1), 14)
+    dopamine = run.network.dopamine
+    assert dopamine is not None
+    before = dopamine.total.clone()
+    closed_loop(run, 2)
+    assert (dopamine.total - before)[1] / (2 * run.tick) < -0.01
 
 
 def food_container() -> None:
@@ -201,6 +207,7 @@ CASES = (
 @pytest.fixture(scope="module")
 def failures() -> dict[str, str]:
     """What went wrong, by case, of all cases in one process; "" of one that passed."""
+    pytest.importorskip("numba_cuda")
     here = Path(__file__)
     done = subprocess.run(
         [sys.executable, str(here)],
@@ -223,10 +230,8 @@ def test_in_the_simulator(case: str, failures: dict[str, str]) -> None:
 @pytest.fixture
 def compiling(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CudaEngine, dict[str, str]]]:
     """An engine that compiles for a GPU what it would launch, and the assembly by the name of the kernel."""
-    cuda = pytest.importorskip("numba.cuda")
-    if sys.platform != "linux":
-        pytest.skip("needs NVIDIA's compiler")
-    from numba import typeof
+    pytest.importorskip("numba_cuda")
+    from numba import cuda, typeof
 
     from snnrl.engines.cuda import engine
 
@@ -289,7 +294,7 @@ def test_what_cannot_be_compiled_is_refused_in_one_line(compiling: Any) -> None:
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_a_run_ends_in_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("numba.cuda")
+    pytest.importorskip("numba_cuda")
     command = [sys.executable, "-m", "snnrl.run", "+experiment=food_attraction", "engine=cuda", "trials=1"]
     command += ["seconds=0.7", f"hydra.run.dir={tmp_path}/out"]
     root = Path(__file__).parents[1]
@@ -302,7 +307,7 @@ def test_without_a_gpu_a_run_ends_in_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_its_speed_is_not_measured() -> None:
-    pytest.importorskip("numba.cuda")
+    pytest.importorskip("numba_cuda")
     root = Path(__file__).parents[1]
     command = [sys.executable, "tools/bench.py", "--device", "cuda"]
     environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "0"}
