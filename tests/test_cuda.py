@@ -11,11 +11,11 @@ import os
 import subprocess
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -32,6 +32,9 @@ from snnrl.model.network import Network
 from snnrl.model.plasticity import Plasticity
 from snnrl.schema import ConfigError
 from snnrl.simulation import Simulation
+
+if TYPE_CHECKING:
+    from snnrl.engines.cuda import CudaEngine
 
 FOOD_ONLY = ("+experiment=food_attraction", "world.side=65", "world.kinds.food.count=60")
 FOOD_CONTAINER = (
@@ -99,8 +102,14 @@ def food_only_in_float32() -> None:
 
 
 def poison() -> None:
-    run = closed_loop(simulation(*POISON, "dtype=float64"), 2)
-    assert (run.situation.world.sign < 0).any()
+    """Two ticks in which the second trial eats some, and its dopamine falls."""
+    run = simulation(*POISON, "dtype=float64")
+    run.run(make_engine("fused", "cpu", 1), 14)
+    dopamine = run.network.dopamine
+    assert dopamine is not None
+    before = dopamine.total.clone()
+    closed_loop(run, 2)
+    assert (dopamine.total - before)[1] / (2 * run.tick) < -0.01
 
 
 def food_container() -> None:
@@ -206,6 +215,7 @@ CASES = (
 @pytest.fixture(scope="module")
 def failures() -> dict[str, str]:
     """What went wrong, by case, of all cases in one process; "" of one that passed."""
+    pytest.importorskip("numba_cuda")
     here = Path(__file__)
     done = subprocess.run(
         [sys.executable, str(here)],
@@ -226,37 +236,28 @@ def test_in_the_simulator(case: str, failures: dict[str, str]) -> None:
 
 
 @pytest.fixture
-def compiling(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """An engine that keeps its kernels and what they would be launched with, and how these compile for a GPU."""
-    cuda = pytest.importorskip("numba.cuda")
-    if sys.platform != "linux":
-        pytest.skip("needs NVIDIA's compiler")
-    from numba import typeof
+def compiling(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CudaEngine, dict[str, str]]]:
+    """An engine that compiles for a GPU what it would launch, and the assembly by the name of the kernel."""
+    pytest.importorskip("numba_cuda")
+    from numba import cuda, typeof
 
     from snnrl.engines.cuda import engine
 
-    kept: list[tuple[Any, Any]] = []
+    assembly: dict[str, str] = {}
+
+    def compile_only(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) -> None:
+        function, signature = kernel.py_func, tuple(map(typeof, given))
+        assembly[function.__name__] = cuda.compile(function, signature, device=False, abi="numba", cc=(8, 0))[0]
+
     monkeypatch.setattr(cuda, "is_available", lambda: True)
-    monkeypatch.setattr(engine, "_array", Tensor.numpy)
-    monkeypatch.setattr(engine.CudaEngine, "_current", lambda self, network: nullcontext())
-    monkeypatch.setattr(engine, "_start", lambda kernel, configuration, given: kept.append((kernel, given)))
-    monkeypatch.setattr("torch.cuda.synchronize", lambda device: None)
     device = SimpleNamespace(compute_capability=(8, 0))
     monkeypatch.setattr("numba.cuda.dispatcher.get_current_device", lambda: device)
+    monkeypatch.setattr("torch.cuda.synchronize", lambda device: None)
+    monkeypatch.setattr(engine.CudaEngine, "_current", lambda self, network: nullcontext())
+    monkeypatch.setattr(engine, "_array", Tensor.numpy)
+    monkeypatch.setattr(engine, "_start", compile_only)
     engine.kernels.cache_clear()
-    made = engine.CudaEngine()
-    made.device = "cpu"
-
-    def compiled() -> dict[str, str]:
-        """Assembly by kernel."""
-        return {
-            kernel.py_func.__name__: cuda.compile(
-                kernel.py_func, tuple(map(typeof, given)), device=False, abi="numba", cc=(8, 0)
-            )[0]
-            for kernel, given in kept
-        }
-
-    yield made, compiled
+    yield engine.CudaEngine(), assembly
     engine.kernels.cache_clear()
 
 
@@ -270,36 +271,38 @@ def machine_code(assembly: str) -> bytes:
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("part", ["food-container", "functions of a user"])
 def test_kernels_compile_for_a_gpu_and_keep_products_and_sums_apart(compiling: Any, dtype: str, part: str) -> None:
-    from snnrl.engines.cuda.compiler import unfused
-
-    engine, compiled = compiling
+    engine, assembly = compiling
     run = simulation(*FOOD_CONTAINER, f"dtype={dtype}")
     networks = {"food-container": run.network, "functions of a user": network_of("soft", dtype=getattr(torch, dtype))}
     network = networks[part]
     if part == "food-container":
         engine.run(network, run.situation, 1)
     engine.run_network(network, torch.zeros(2, network.trials, network.size, dtype=network.dtype))
-    with unfused():
-        assembly = compiled()
     assert set(assembly) == {"run_network"} | ({"run_robot"} if part == "food-container" else set())
     for text in assembly.values():
         assert ".entry" in text
         assert "fma." not in text
-        assert "bar.sync" in text
-        assert machine_code(text)
         assert ("mul.rn.f64" if dtype == "float64" else "mul.rn.f32") in text
+        assert machine_code(text)
 
 
-def test_by_itself_the_compiler_would_fuse_products_and_sums(compiling: Any) -> None:
-    engine, compiled = compiling
-    network, injected = network_with_a_rule(lambda weight, change: weight * weight + change)
-    engine.run_network(network, injected)
-    assert "fma." in compiled()["run_network"]
+def test_by_itself_the_compiler_would_fuse_products_and_sums(compiling: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    engine, assembly = compiling
+    monkeypatch.setattr("snnrl.engines.cuda.engine.unfused", nullcontext)
+    engine.run_network(*network_with_a_rule(lambda weight, change: weight * weight + change))
+    assert "fma." in assembly["run_network"]
+
+
+def test_what_cannot_be_compiled_is_refused_in_one_line(compiling: Any) -> None:
+    engine, _ = compiling
+    message = r"^engine=cuda: cannot compile it \(Unknown attribute 'median' of type float64\); use engine=reference$"
+    with pytest.raises(ConfigError, match=message):
+        engine.run_network(*network_with_a_rule(lambda weight, change: weight.median()))
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_a_run_ends_in_one_line(tmp_path: Path) -> None:
-    pytest.importorskip("numba.cuda")
+    pytest.importorskip("numba_cuda")
     command = [sys.executable, "-m", "snnrl.run", "+experiment=food_attraction", "engine=cuda", "trials=1"]
     command += ["seconds=0.7", f"hydra.run.dir={tmp_path}/out"]
     root = Path(__file__).parents[1]
@@ -312,7 +315,7 @@ def test_without_a_gpu_a_run_ends_in_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU")
 def test_without_a_gpu_its_speed_is_not_measured() -> None:
-    pytest.importorskip("numba.cuda")
+    pytest.importorskip("numba_cuda")
     root = Path(__file__).parents[1]
     command = [sys.executable, "tools/bench.py", "--device", "cuda"]
     environment = {**os.environ, "NUMBA_ENABLE_CUDASIM": "0"}

@@ -177,8 +177,9 @@ class Launch:
                     self.kernels[kernel.__name__], (self.network.trials, self.lanes, 0, self.shared), self.given + given
                 )
             except NumbaError as error:
-                line = str(error).strip().splitlines()[-1]
-                raise ConfigError("engine", "cuda", f"cannot compile it ({line}); use engine=reference") from error
+                # numba says first where it failed, and in lines further down how it came there
+                reason = next(line for line in str(error).splitlines() if line and not line.startswith("Failed in"))
+                raise ConfigError("engine", "cuda", f"cannot compile it ({reason}); use engine=reference") from error
 
     def end(self) -> None:
         """Let the network's modules have what has become of them."""
