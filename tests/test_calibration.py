@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,11 @@ import yaml
 from helpers import compose_config
 
 from snnrl.configuration.builder import build
+from snnrl.recording.runs import Run
+from snnrl.running.job import perform
 from snnrl.thesis import calibrate, fit
 from snnrl.thesis.calibrate import FREE, mean_weights, neighbours, outcome, present, simulate
+from snnrl.thesis.claims import settled, taxis
 from snnrl.thesis.compare import contrast
 from snnrl.thesis.loss import UNIT, Outcome
 from snnrl.thesis.published import PUBLISHED
@@ -33,7 +37,7 @@ def test_the_study_starts_from_the_values_in_conf() -> None:
 
 def test_every_published_cell_is_an_experiment_with_that_robot() -> None:
     published = yaml.safe_load(PUBLISHED.read_text())
-    for kind in ("food", "correct", "contrast"):
+    for kind in ("food", "correct", "contrast", "failed_strong"):
         for experiment, robots in published[kind].items():
             config = compose_config(f"+experiment={experiment}")
             assert set(robots) <= set(config.experiment.robots)
@@ -44,16 +48,19 @@ def test_every_published_cell_is_an_experiment_with_that_robot() -> None:
 
 def test_every_published_number_is_a_cell_of_the_loss(monkeypatch: pytest.MonkeyPatch) -> None:
     few = np.array([3.0, 4.0])
-    stub = Outcome(few, few, few > 3, few > 3)
-    monkeypatch.setattr(calibrate, "outcome", lambda *_: stub)
-    for name in ("escape_times", "background_rate"):
+    stub = Outcome(few, few, few > 3, few > 3, np.stack([few, few]))
+    course = replace(stub, saturated=few, settled=few)
+    monkeypatch.setattr(calibrate, "outcome", lambda *run: course if run[:2] == calibrate.COURSE else stub)
+    for name in ("escape_times", "background_rate", "dose", "waits"):
         monkeypatch.setattr(calibrate, name, lambda *_: torch.from_numpy(few))
     published = yaml.safe_load(PUBLISHED.read_text())
-    expected = {"background rate", "orbit/learning/escaped", "orbit/learning/time"}
+    expected = {"background rate", "dose", "entering to food", "orbit/learning/escaped", "orbit/learning/time"}
+    expected |= {f"food_attraction/learning/{when}" for when in ("weights saturated", "attraction settled")}
     for kind, quantities in (
         ("food", ("food", "food spread", "trapped")),
         ("correct", ("correct",)),
         ("contrast", ("contrast",)),
+        ("failed_strong", ("failed strong",)),
     ):
         robots = [f"{experiment}/{robot}" for experiment, robots in published[kind].items() for robot in robots]
         expected |= {f"{robot}/{quantity}" for robot in robots for quantity in quantities}
@@ -69,6 +76,74 @@ def test_late_food_is_that_of_the_last_part_of_a_trial() -> None:
     assert ours.late.sum() > 0
     assert (ours.food - ours.late).tolist() == until.situation.world.touches[:, 0].tolist()
     assert ours.contrast is None
+
+
+def test_a_course_is_that_of_the_recorded_series(tmp_path: Path) -> None:
+    """The same definitions as those of the claims, on the same samples."""
+    ours = outcome("food_attraction", "learning", {"seconds": 200.0}, 3, 5)
+    words = ("robot=learning", "seconds=200", "trials=3", "seed=5", "record.tensorboard=false")
+    perform(compose_config("+experiment=food_attraction", *words), tmp_path)
+    run = Run(tmp_path)
+    assert len(run.time) == 10
+    assert ours.saturated is not None
+    assert ours.settled is not None
+    assert ours.saturated == pytest.approx(settled(run.time, taxis(run, "weight", "food", "attraction")))
+    ms = np.diff([0, *np.round(1000 * run.time)])[:, None]
+    items = np.round(ms / 1000 * run.series["collection_rate"])  # whole again: rounding must break no tie
+    assert ours.settled == pytest.approx(settled(run.time, items / (ms / 1000)))
+    assert (ours.settled >= 20.0).all()
+    other = outcome("food_attraction", "random_walk", {"seconds": 70.0}, 2, 5)
+    assert (other.saturated, other.attraction) == (None, None)
+
+
+def test_attraction_of_containers_is_that_of_each_side() -> None:
+    ours = outcome("secondary_behaviour", "benchmark", {"seconds": 1.4}, 3, 5)
+    network = build(compose_config("+experiment=secondary_behaviour", "robot=benchmark", "trials=3", "seed=5")).network
+    sides = ("left_container_to_right_motor", "right_container_to_left_motor")
+    assert ours.attraction is not None
+    assert ours.attraction.tolist() == [network.projections[name].mean_weight().tolist() for name in sides]
+
+
+def test_the_dose_is_what_counted_spikes_release_by_item() -> None:
+    """Without a threshold all spikes count, with one that is too high none; and it is proportional to the release."""
+    fixed = {"world.kinds.food.count": 60, "network.dopamine.threshold": 0}
+    simulation, _ = simulate("food_attraction", "random_walk", {**fixed, "seconds": 40.04}, 2, 7)
+    spikes = int(simulation.network.spike_count[:, list(simulation.network.groups).index("dopaminergic")].sum())
+    items = int(simulation.situation.world.touches[:, 0].sum())
+    assert items > 20
+    found = float(calibrate.dose(fixed, 2, 7, 40.0))
+    assert found == pytest.approx(0.0035 * spikes / items)
+    doubled = {**fixed, "network.dopamine.release": 0.007}
+    assert float(calibrate.dose(doubled, 2, 7, 40.0)) == pytest.approx(2 * found)
+    assert float(calibrate.dose({**fixed, "network.dopamine.threshold": 41}, 2, 7, 40.0)) == 0.0
+    usual = float(calibrate.dose({"world.kinds.food.count": 60}, 2, 7, 40.0))
+    assert 0.0 < usual < found
+    assert len(calibrate.dose({"world.kinds.food.count": 0}, 1, 7, 20.0)) == 0
+
+
+class Scripted:
+    """A simulation of three trials of which only the counts of two kinds are known, by tick."""
+
+    tick = 70
+
+    def __init__(self, **counts: list[list[int]]) -> None:
+        self.counts, self.done = counts, 0
+        self.situation = self.world = self
+
+    def run(self, engine: object, ticks: int) -> None:
+        self.done += ticks
+
+    def count(self, kind: str) -> torch.Tensor:
+        return torch.tensor([trial[self.done] for trial in self.counts[kind]])
+
+
+def test_a_wait_is_from_the_last_entering_to_the_food(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One waits three ticks, one leaves and enters again and takes at once, one takes nothing."""
+    entered = [[0, 0, 1, 1, 1, 1, 1], [0, 1, 1, 1, 2, 2, 2], [0, 0, 0, 1, 1, 1, 1]]
+    taken = [[0, 0, 0, 0, 0, 1, 1], [0, 0, 0, 0, 1, 1, 1], [0, 0, 0, 0, 0, 0, 0]]
+    simulation = Scripted(food_container=entered, food=taken)
+    monkeypatch.setattr(calibrate, "prepare", lambda *_: (simulation, None, None))
+    assert calibrate.waits({}, 3, 0, seconds=0.42).tolist() == pytest.approx([0.0, 0.21])
 
 
 def test_contrast_of_the_two_container_touches() -> None:

@@ -12,6 +12,7 @@ from snnrl.thesis.loss import (
     FARTHEST,
     Outcome,
     background_cells,
+    food_cells,
     fraction_distance,
     loss,
     mean_distance,
@@ -19,6 +20,7 @@ from snnrl.thesis.loss import (
     run_cells,
     spread_distance,
     tail,
+    time_distance,
 )
 from snnrl.thesis.published import published
 
@@ -60,6 +62,34 @@ def test_orbit_and_background() -> None:
     assert found == {"orbit/learning/escaped": pytest.approx(-5.0), "orbit/learning/time": pytest.approx(1.0)}
     assert dict(orbit_cells(np.full(3, np.nan), published()))["orbit/learning/time"] == FARTHEST
     assert dict(background_cells(np.array([0.4, 0.5]), published()))["background rate"] == pytest.approx(1.0)
+
+
+def test_a_time_that_is_about_so_many_s_is_measured_by_its_ratio() -> None:
+    assert time_distance(np.array([50.0, 150.0, np.nan]), 100.0) == 0.0
+    assert time_distance(np.array([400.0]), 100.0) == pytest.approx(2.0)
+    assert time_distance(np.array([25.0]), 100.0) == pytest.approx(-2.0)
+    assert time_distance(np.full(2, np.nan), 100.0) == FARTHEST
+    ours = Outcome(np.ones(2), np.ones(2), np.ones(2, bool), saturated=np.full(2, 50.0), settled=np.full(2, 800.0))
+    found = dict(run_cells("food_attraction", "learning", ours, published()))
+    assert found["food_attraction/learning/weights saturated"] == pytest.approx(-1.0)
+    assert found["food_attraction/learning/attraction settled"] == pytest.approx(2.0)
+
+
+def test_a_failure_is_strong_where_both_sides_attract_all_the_same() -> None:
+    learnt = np.array([True, False, False, False])
+    attraction = np.array([[0.1, 3.0, 0.4, 0.6], [0.1, 0.6, 3.0, 0.51]])
+    ours = Outcome(np.ones(4), np.ones(4), learnt, attraction=attraction)
+    cell = "secondary_behaviour/fixed_container_dopamine/failed strong"
+    found = dict(run_cells("secondary_behaviour", "fixed_container_dopamine", ours, published()))
+    assert found[cell] == pytest.approx((2 / 3 - 1) / 0.1)
+    without = Outcome(np.ones(4), np.ones(4), np.ones(4, bool), attraction=attraction)
+    assert dict(run_cells("secondary_behaviour", "fixed_container_dopamine", without, published()))[cell] == 0.0
+
+
+def test_dose_and_the_wait_for_food_are_measured_in_tenths() -> None:
+    found = dict(food_cells(np.array([0.108]), np.array([0.7, 1.06]), published()))
+    assert found == {"dose": pytest.approx(-1.0), "entering to food": pytest.approx(1.0)}
+    assert dict(food_cells(np.zeros(0), np.zeros(0), published())) == {"dose": FARTHEST, "entering to food": FARTHEST}
 
 
 def test_no_cell_decides_alone() -> None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +30,24 @@ from snnrl.recording.criteria import correct
 from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD, Config
 from snnrl.simulation import Simulation
-from snnrl.thesis.claims import escape_rule
+from snnrl.thesis.claims import escape_rule, pathways, settled, smooth
 from snnrl.thesis.compare import contrast
 from snnrl.thesis.fit import CALIBRATION
-from snnrl.thesis.loss import UNIT, Cells, Outcome, background_cells, loss, orbit_cells, run_cells, tail
+from snnrl.thesis.loss import (
+    UNIT,
+    Cells,
+    Outcome,
+    background_cells,
+    food_cells,
+    loss,
+    orbit_cells,
+    run_cells,
+    tail,
+)
 from snnrl.thesis.published import published
 
 FIRST_SEED = 1_000_000
+COURSE = ("food_attraction", "learning")  # of which the text says when it has learnt
 TELLING = (  # runs that tell a good point from a bad one in little time
     ("food_attraction", "learning"),
     ("secondary_behaviour", "benchmark"),
@@ -118,18 +129,33 @@ def simulate(
 def outcome(experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int) -> Outcome:
     """What one cell's run came to."""
     simulation, config, engine = prepare(experiment, robot, values, trials, seed)
-    ticks, last = (ticks_of(seconds, simulation.tick) for seconds in (config.seconds, tail(config.seconds)))
-    simulation.run(engine, ticks - last)
-    before = simulation.situation.world.count(FOOD).clone()
-    simulation.run(engine, last)
-    food = simulation.situation.world.count(FOOD)
-    told_apart = published()["contrast"].get(experiment, {}).get(robot)
-    return Outcome(
-        food.double().numpy(),
-        (food - before).numpy(),
-        correct(simulation.network, config.experiment.correct).numpy(),
-        contrast(mean_weights(simulation.network), told_apart["factor"]) if told_apart else None,
+    ticks, last, every = (
+        ticks_of(seconds, simulation.tick) for seconds in (config.seconds, tail(config.seconds), config.record.every)
     )
+    samples = [*range(every, ticks, every), ticks]
+    food, attraction, done = {0: np.zeros(trials, np.int64)}, [], 0
+    for tick in sorted({*samples, ticks - last}):
+        simulation.run(engine, tick - done)
+        food[tick], done = simulation.situation.world.count(FOOD).numpy().copy(), tick
+        if tick in samples:
+            weights = mean_weights(simulation.network)
+            attraction.append(np.mean([weights[name] for name in pathways(FOOD, "attraction")], 0))
+    told_apart = published()["contrast"].get(experiment, {}).get(robot)
+    weights = mean_weights(simulation.network)
+    containers = [weights[name] for name in pathways("container", "attraction") if name in weights]
+    ours = Outcome(
+        food[ticks].astype(float),
+        food[ticks] - food[ticks - last],
+        correct(simulation.network, config.experiment.correct).numpy(),
+        contrast(weights, told_apart["factor"]) if told_apart else None,
+        np.stack(containers) if containers else None,
+    )
+    if (experiment, robot) != COURSE or len(samples) < 2:
+        return ours
+    time = np.array(samples) * simulation.tick / 1000
+    rate = np.diff([food[tick] for tick in (0, *samples)], axis=0) / np.diff([0.0, *time])[:, None]
+    at = settled(time, np.array(attraction)), settled(time, smooth(rate, max(1, len(time) // 20)))
+    return replace(ours, saturated=at[0], settled=at[1])
 
 
 def mean_weights(network: Network) -> dict[str, np.ndarray]:
@@ -165,11 +191,45 @@ def background_rate(values: Mapping[str, Any], trials: int, seed: int, seconds: 
     return (network.spike_count[:, place] - before).double() / (network.groups[source].size * elapsed)
 
 
+def dose(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 140.0) -> Tensor:
+    """What a food item releases (uM) on average over all items of a robot that learns nothing, [1]; none, [0]."""
+    simulation, config, engine = prepare("food_attraction", "random_walk", values, trials, seed)
+    network, tick, total = simulation.network, simulation.tick, torch.zeros(1, dtype=torch.float64)
+    dopamine = network.dopamine
+    assert dopamine is not None
+    span = network.groups[dopamine.sources["count"]].span
+    raster = torch.zeros(ticks_of(config.record.every, tick) * tick, trials, network.size, dtype=torch.bool)
+    for _ in range(round(seconds / config.record.every)):
+        simulation.run(engine, len(raster) // tick, raster)
+        total += dopamine.released(raster[:, :, span].sum(2).double(), *dopamine.further).sum()
+    items = int(simulation.situation.world.count(FOOD).sum())
+    return total[: min(items, 1)] / max(items, 1)
+
+
+def waits(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 140.0) -> Tensor:
+    """From entering a container to taking the food in it (s), of all items of benchmark robots, [n]."""
+    simulation, _, engine = prepare("secondary_behaviour", "benchmark", values, trials, seed)
+    world, found = simulation.situation.world, []
+    entered = torch.full((trials,), torch.nan, dtype=torch.float64)
+    for k in range(ticks_of(seconds, simulation.tick)):
+        before = [world.count(kind).clone() for kind in ("food_container", FOOD)]
+        simulation.run(engine, 1)
+        enters, takes = (
+            world.count(kind) > count for kind, count in zip(("food_container", FOOD), before, strict=True)
+        )
+        now = k * simulation.tick / 1000
+        entered = torch.where(enters, now, entered)
+        found.append(now - entered[takes])
+    return torch.cat(found)
+
+
 def measured(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
     """Name and distance of every cell of the loss, the most telling ones first."""
     theirs = published()
     for experiment, robot in runs_of(theirs):
         yield from run_cells(experiment, robot, outcome(experiment, robot, values, trials, seed), theirs)
+    released, waited = (measure(values, trials, seed).numpy() for measure in (dose, waits))
+    yield from food_cells(released, waited, theirs)
     yield from background_cells(background_rate(values, trials, seed).numpy(), theirs)
     yield from orbit_cells(escape_times(values, theirs["escaped"]["trials"], seed).numpy(), theirs)
 
@@ -178,7 +238,7 @@ def runs_of(theirs: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Experiment and robot of every run with a published cell, those of TELLING first."""
     runs = {
         (experiment, robot)
-        for kind in ("food", "correct", "contrast")
+        for kind in ("food", "correct", "contrast", "failed_strong")
         for experiment, robots in theirs[kind].items()
         for robot in robots
     }

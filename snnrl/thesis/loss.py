@@ -9,10 +9,14 @@ cell closer.
 | its spread, where an SD is published | log(our SD / the published SD) |
 | a fraction of trials | (ours - published) / 0.1 |
 | the share of trapped trials, where food is published | as a fraction; published: 0 |
+| the share of strong failures, of robots of which the text says how they fail | as a fraction; published: all of them |
+| a time at which learning has come to something, "about" | log2(ours / published) |
 | the background rate | (ours - published) / half of the last digit published |
 
-A trial is trapped if it takes no food in its last 300 s, or in the last 30 % of one shorter than 1000 s. The loss is
-the root mean square of all cells, each limited to 10, so that no single one decides alone.
+A trial is trapped if it takes no food in its last 300 s, or in the last 30 % of one shorter than 1000 s. One that is
+not correct has failed strongly if the attraction of both sides is strong all the same, more than the criterion's
+0.5 mV: then it fails by an avoidance that is nearly as strong. Where no trial fails, that cell is 0. The loss is the
+root mean square of all cells, each limited to 10, so that no single one decides alone.
 """
 
 from __future__ import annotations
@@ -24,6 +28,7 @@ from typing import Any
 
 import numpy as np
 
+from snnrl.recording.criteria import STRENGTH
 from snnrl.thesis.verdicts import MARGIN
 
 UNIT = "units of the loss"  # in words, of all distances
@@ -39,12 +44,18 @@ class Outcome:
     Attributes:
         food: items taken. late: those of them in the `tail` of the trial.
         learnt: whether it is correct. contrast: whether it tells the containers apart; None where there is one kind.
+        attraction: mean weight (mV) of the container taxis's attraction, [2, B], left and right sensor; None without.
+        saturated, settled: when the attraction's weight and the rate of food have come near to their final values (s),
+            nan where they do not; None of robots of which nothing is said.
     """
 
     food: np.ndarray
     late: np.ndarray
     learnt: np.ndarray
     contrast: np.ndarray | None = None
+    attraction: np.ndarray | None = None
+    saturated: np.ndarray | None = None
+    settled: np.ndarray | None = None
 
 
 def tail(seconds: float) -> float:
@@ -70,6 +81,18 @@ def fraction_distance(hits: np.ndarray, published: float) -> float:
     return (float(np.mean(hits)) - published) / MARGIN
 
 
+def time_distance(ours: np.ndarray, published: float) -> float:
+    """Of a time that is published as "about", [n] with nan where it never came; if in none, as far as can be."""
+    came = ours[np.isfinite(ours)]
+    return float(np.log2(np.mean(came) / published)) if len(came) else FARTHEST
+
+
+def strong_failure_distance(learnt: np.ndarray, attraction: np.ndarray, published: float) -> float:
+    """Of the fraction of the trials that are not correct in which both sides' attraction is strong."""
+    strong = (attraction[:, ~learnt] > STRENGTH).min(0)
+    return fraction_distance(strong, published) if len(strong) else 0.0
+
+
 def run_cells(experiment: str, robot: str, ours: Outcome, published: Mapping[str, Any]) -> Cells:
     """Name and distance of every published cell of one robot."""
 
@@ -84,9 +107,18 @@ def run_cells(experiment: str, robot: str, ours: Outcome, published: Mapping[str
         yield f"{name}/trapped", fraction_distance(ours.late == 0, published["trapped"])
     if (cell := found("correct")) is not None:
         yield f"{name}/correct", fraction_distance(ours.learnt, cell)
+    if (cell := found("failed_strong")) is not None:
+        assert ours.attraction is not None
+        yield f"{name}/failed strong", strong_failure_distance(ours.learnt, ours.attraction, cell)
     if (cell := found("contrast")) is not None:
         assert ours.contrast is not None
         yield f"{name}/contrast", fraction_distance(ours.contrast, cell["fraction"])
+    for what, times, said in (
+        ("weights saturated", ours.saturated, "weights_saturated"),
+        ("attraction settled", ours.settled, "attraction_settled"),
+    ):
+        if times is not None:
+            yield f"{name}/{what}", time_distance(times, published["said"][said])
 
 
 def orbit_cells(times: np.ndarray, published: Mapping[str, Any]) -> Cells:
@@ -101,6 +133,12 @@ def background_cells(rate: np.ndarray, published: Mapping[str, Any]) -> Cells:
     """Of the dopaminergic neurons' firing without food [B], Hz."""
     said = published["said"]["background_rate"]
     yield "background rate", (float(np.mean(rate)) - said["mean"]) / said["rounding"]
+
+
+def food_cells(dose: np.ndarray, waited: np.ndarray, published: Mapping[str, Any]) -> Cells:
+    """Of food items: what each released on average (uM) [n], and the s from entering its container to taking it [n]."""
+    yield "dose", mean_distance(dose, published["said"]["dose"])
+    yield "entering to food", mean_distance(waited, published["said"]["entering_to_food"])
 
 
 def loss(found: Mapping[str, float]) -> float:
