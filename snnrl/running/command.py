@@ -5,6 +5,7 @@ Exit status: 0, or 2 for bad input, 1 for anything else that went wrong, 130 aft
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -78,6 +79,7 @@ def launch(program: str, start: Callable[[], None]) -> None:
     wants_traceback = os.environ.get("HYDRA_FULL_ERROR") == "1"
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then hands its errors on instead of printing them
     threading.excepthook = _unless_foreseen
+    gc.freeze()  # what has been imported stays: to look through it again and again takes a part of every start
     try:
         start()
     except (*FORESEEN, Passed) as caught:
