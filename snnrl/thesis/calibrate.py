@@ -11,7 +11,7 @@ Seeds of the fit start at 1,000,000, far from those of the runs that are reporte
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,7 @@ from snnrl.thesis.loss import (
 from snnrl.thesis.published import published
 
 FIRST_SEED = 1_000_000
+RUNGS = (1, 3, 9)  # steps at which the search gives points up
 COURSE = ("food_attraction", "learning")  # of which the text says when it has learnt
 TELLING = (  # runs that tell a good point from a bad one in little time
     ("food_attraction", "learning"),
@@ -59,14 +60,14 @@ TELLING = (  # runs that tell a good point from a bad one in little time
 
 @dataclass(frozen=True)
 class Free:
-    """A free parameter: where it is searched, and how far the sensitivity moves it."""
+    """A free parameter: where it is searched, and how far the sensitivity moves it; wide ranges by their logarithm."""
 
     low: float
     high: float
     step: float
 
     def suggest(self, trial: optuna.Trial, name: str) -> float:
-        return trial.suggest_float(name, self.low, self.high)
+        return trial.suggest_float(name, self.low, self.high, log=self.high > 3 * self.low > 0)
 
 
 @dataclass(frozen=True)
@@ -79,40 +80,93 @@ class Choice:
         return trial.suggest_categorical(name, self.values)
 
 
-CONTAINERS = "world.ranges.container.measured_to"  # exists only in worlds with containers
 FREE: Mapping[str, Free | Choice] = {
-    "coding.range_gain": Free(1.2, 2.4, 0.2),
-    "coding.touch_gain": Free(2.0, 4.5, 0.5),
-    "network.synaptic_gain": Free(2.5, 5.5, 0.4),
-    "network.dopamine.tau": Free(12.0, 40.0, 3.0),
-    "network.groups.inhibitory.current": Choice((0.0, 4.5, 6.0)),  # silent below 3.85
+    "coding.range_gain": Free(1.2, 2.6, 0.2),
+    "coding.touch_gain": Free(2.0, 6.0, 0.5),
+    "coding.exploration_gain": Free(0.9, 2.0, 0.2),
+    "coding.exploration_drawn": Choice(("each_ms", "each_tick")),
+    "coding.gain_acts_on": Choice(("counts", "mean")),
+    "network.synaptic_gain": Free(0.9, 4.0, 0.4),
+    "network.dopamine.tau": Free(6.0, 40.0, 3.0),
+    "network.groups.inhibitory.current": Choice((0.0, 4.5)),  # silent below 3.85
     "network.groups.dopaminergic.noise": Free(0.0, 0.29, 0.1),
-    "world.ranges.food.measured_to": Choice(("border", "centre")),
-    CONTAINERS: Choice(("border", "centre")),
+    "network.groups.dopaminergic.kick_rate": Free(0.0, 0.45, 0.2),
+    "network.plasticity.simultaneous": Choice(("potentiates", "depresses")),
+    "network.plasticity.potentiation_from": Choice(("departure", "arrival")),
     "network.homeostasis.count_absent": Choice((True, False)),
+    "world.ranges.food.measured_to": Choice(("border", "centre")),
+    "world.ranges.container.measured_to": Choice(("border", "centre")),
+    "world.kinds.food_container.avoids": Choice(("[]", "[robot]", "[robot,containers]")),
+    "world.kinds.food_container.contains": Choice(("centre", "whole")),
+    "world.overlap": Choice(("stays", "nearest")),
 }
+KICK = {"network.groups.dopaminergic.kick": 25.0}  # fires a neuron that rests
+ARRIVAL = ("network.plasticity.potentiation_from", "arrival")
+# What has come nearest in other searches, over the values in conf/.
+BORDERS = {"world.ranges.food.measured_to": "border", "world.ranges.container.measured_to": "border"}
+ATTRACTED = {
+    **BORDERS,
+    "network.plasticity.simultaneous": "depresses",
+    "network.plasticity.potentiation_from": "departure",
+}
+STARTS: tuple[Mapping[str, Any], ...] = (
+    {},
+    BORDERS,
+    ATTRACTED,
+    {
+        **{**ATTRACTED, "coding.exploration_gain": 1.45, "coding.range_gain": 2.0, "coding.touch_gain": 4.17},
+        **{"network.synaptic_gain": 2.6, "network.dopamine.tau": 15.0, "network.homeostasis.count_absent": True},
+    },
+    {
+        **{**ATTRACTED, "coding.exploration_gain": 1.66, "coding.range_gain": 2.07, "coding.touch_gain": 4.17},
+        **{"network.synaptic_gain": 2.6, "network.dopamine.tau": 18.0, "network.homeostasis.count_absent": True},
+    },
+    {
+        **{**ATTRACTED, "coding.exploration_gain": 1.3, "coding.range_gain": 1.53, "coding.touch_gain": 4.67},
+        **{"network.synaptic_gain": 2.4, "network.dopamine.tau": 20.0, "network.homeostasis.count_absent": True},
+    },
+    {
+        **{**BORDERS, "coding.range_gain": 1.75, "coding.touch_gain": 3.0, "network.dopamine.tau": 8.0},
+        **{"network.synaptic_gain": 1.75},
+    },
+    {
+        **{**BORDERS, "coding.range_gain": 2.0, "coding.touch_gain": 3.0, "network.dopamine.tau": 6.0},
+        **{"network.synaptic_gain": 1.0, "network.groups.dopaminergic.noise": 0.0},
+        **{"network.groups.dopaminergic.kick_rate": 0.4},
+    },
+)
+
+
+def value_of(config: Any, name: str) -> Any:
+    """The value of a key of a configuration; None where it has no such key."""
+    found = config
+    for key in name.split("."):
+        found = found.get(key) if isinstance(found, Mapping) else getattr(found, key, None)
+    return found
 
 
 def present() -> dict[str, Any]:
     """The free parameters as they are in conf/."""
     config = compose("+experiment=dual_learning")
+    found = {name: value_of(config, name) for name in FREE}
+    return {name: f"[{','.join(value)}]" if isinstance(value, list) else value for name, value in found.items()}
 
-    def value(name: str) -> Any:
-        found: Any = config
-        for key in name.split("."):
-            found = found[key] if isinstance(found, dict) else getattr(found, key)
-        return found
 
-    return {name: value(name) for name in FREE}
+def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Free values as overrides; what counts from a spike's arrival depresses in the ms of its departure."""
+    found = {**KICK, **values} if values.get("network.groups.dopaminergic.kick_rate") else dict(values)
+    if found.get(ARRIVAL[0]) == ARRIVAL[1]:
+        found["network.plasticity.simultaneous"] = "depresses"
+    return found
 
 
 def prepare(
     experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int
 ) -> tuple[Simulation, Config, Engine]:
-    """One cell's run at its published length, not yet begun."""
-    options = {"trials": trials, "seed": seed, "robot": robot, **values}
-    if "container" not in compose(f"+experiment={experiment}").body()[1].ranges:
-        options.pop(CONTAINERS, None)
+    """One cell's run at its published length, not yet begun; values of what its world has not are left out."""
+    described = compose(f"+experiment={experiment}")
+    known = {key: value for key, value in options_of(values).items() if value_of(described, key) is not None}
+    options = {"trials": trials, "seed": seed, "robot": robot, **known}
     config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
     return build(config), config, make_engine("auto", config.device)
 
@@ -245,23 +299,41 @@ def runs_of(theirs: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [*TELLING, *sorted(runs.difference(TELLING))]
 
 
+def telling(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
+    """The cells of the runs in TELLING alone."""
+    theirs = published()
+    for experiment, robot in TELLING:
+        yield from run_cells(experiment, robot, outcome(experiment, robot, values, trials, seed), theirs)
+
+
+def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
+    """What a point is judged by, each time by more: telling cells with few trials, with all, and every cell."""
+    yield dict(telling(values, max(2, trials // 3), seed))
+    yield dict(telling(values, trials, seed))
+    yield dict(measured(values, trials, seed))
+
+
 def search(study: optuna.Study, points: int, trials: int) -> None:
-    """Add points to the study, the values in conf/ first; one that is worse than most so far is given up early."""
-    study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True)
-    study.pruner = optuna.pruners.MedianPruner(n_startup_trials=5)
+    """Add points to the study, STARTS first; of each three that come to a rung, the best goes on to the next.
+
+    Raises:
+        KeyError: a start names a value that is not free.
+    """
+    study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True, group=True)
+    study.pruner = optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=3)
     if not study.trials:
-        study.enqueue_trial(present())
+        for start in STARTS:
+            study.enqueue_trial({**present(), **{name: start[name] for name in start if FREE[name]}})
 
     def objective(trial: optuna.Trial) -> float:
         values = {name: free.suggest(trial, name) for name, free in FREE.items()}
-        found: dict[str, float] = {}
-        for name, distance in measured(values, trials, FIRST_SEED + trial.number):
-            found[name] = distance
-            trial.report(loss(found), len(found))
-            if trial.should_prune():
-                raise optuna.TrialPruned
-        trial.set_user_attr("distances", found)
         trial.set_user_attr("trials", trials)
+        found: dict[str, float] = {}
+        for step, found in enumerate(rungs(values, trials, FIRST_SEED + trial.number)):
+            trial.set_user_attr("distances", found)
+            trial.report(loss(found), RUNGS[step])
+            if step < len(RUNGS) - 1 and trial.should_prune():
+                raise optuna.TrialPruned
         return loss(found)
 
     study.optimize(objective, n_trials=points)
