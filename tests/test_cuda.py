@@ -93,7 +93,10 @@ def open_loop(first: Network, steps: int, level: float, within: float, device: s
 
 
 def food_only() -> None:
-    run = closed_loop(simulation(*FOOD_ONLY, "dtype=float64"), 3)
+    """In two launches."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("snnrl.engines.cuda.engine.TICKS", 2)
+        run = closed_loop(simulation(*FOOD_ONLY, "dtype=float64"), 3)
     assert run.situation.world.touches.any()
 
 

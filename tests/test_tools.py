@@ -10,13 +10,16 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import causes
 import numpy as np
 import pytest
 import torch
 from dense_peer import DenseNetwork
+from helpers import compose_config
 from recording import food_only
 from scale import Cost, Size, checks, draw, sizes
 
+from snnrl.configuration.builder import build
 from snnrl.engines import make_engine
 
 ROOT = Path(__file__).parents[1]
@@ -79,6 +82,8 @@ def test_speed_and_the_cost_of_recording_are_measured() -> None:
         speeds = {line["engine"]: line["trial_ms_per_s"]["min"] for line in lines if "engine" in line}
         assert speeds.keys() == {"fused", "reference"}
         assert min(speeds.values()) > 0
+        (share,) = (line["percent_of_limit"] for line in lines if "percent_of_limit" in line)
+        assert 0 < share["min"] < 100
         (cost,) = (line["recording_percent_of_run"] for line in lines if "recording_percent_of_run" in line)
         assert 0 < cost["min"] == cost["median"] == cost["max"] < 100  # so short a run is mostly its pictures
     steps = {
@@ -88,6 +93,18 @@ def test_speed_and_the_cost_of_recording_are_measured() -> None:
     }
     assert len(steps) == 8
     assert min(steps.values()) > 0
+
+
+def test_a_cause_is_left_out_and_put_back() -> None:
+    """Without pairs of spikes nothing is eligible; afterwards the engine is what it was."""
+    eligible = []
+    for part in ("pairing", ""):
+        simulation = build(compose_config("+experiment=food_attraction", "trials=1", *LEARNT))
+        with causes.without(part):
+            simulation.run(make_engine("fused", "cpu", 1), 40)
+        assert (simulation.network.spike_count > 0).any()
+        eligible.append(bool((simulation.network.synapses.eligibility != 0).any()))
+    assert eligible == [False, True]
 
 
 def test_the_dense_network_is_ours() -> None:

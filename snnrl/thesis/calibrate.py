@@ -319,7 +319,7 @@ def search(study: optuna.Study, points: int, trials: int) -> None:
     Raises:
         KeyError: a start names a value that is not free.
     """
-    study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True, group=True)
+    study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True)
     study.pruner = optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=3)
     if not study.trials:
         for start in STARTS:

@@ -59,7 +59,7 @@ def poisson(draw, thresholds):
     return count
 
 
-def run_robot(t, s, scratch, world, coding, largest, time, ticks, raster):
+def run_robot(t, s, scratch, time, world, coding, largest, ticks, raster):
     """Closed loop: `ticks` control ticks. No count of spikes of a range sensor is `largest` or more."""
     trial = cuda.blockIdx.x
     memory = cuda.shared.array(0, ELEMENT) if SHARED else scratch.memory[trial]

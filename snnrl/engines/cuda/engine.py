@@ -83,7 +83,7 @@ class CudaEngine:
         check_compiled(self.name, *situation.modules())
         coding, world = situation.coding, situation.world
         largest, tick = poisson_table_size(coding.config.range_mean), coding.tick
-        spikes, time = _raster(raster, network), int(network.time)
+        spikes = _raster(raster, network)
         with self._current(network):
             launch = self._launch(network, len(world.kinds.names), len(world.config.ranges))
             arrays = [
@@ -93,9 +93,7 @@ class CudaEngine:
             for first in range(0, ticks, TICKS):
                 count = min(TICKS, ticks - first)
                 shown = _array(spikes[first * tick : (first + count) * tick])
-                launch(run_robot, *arrays, largest, time + first * tick, count, shown)
-            launch.end()
-        network.time += ticks * tick
+                launch(run_robot, count * tick, *arrays, largest, count, shown)
 
     def run_network(
         self,
@@ -109,15 +107,12 @@ class CudaEngine:
         network.check_reward(reward)
         signs = torch.ones(network.trials, dtype=network.dtype, device=network.device) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward
-        spikes, time = _raster(raster, network), int(network.time)
+        spikes = _raster(raster, network)
         with self._current(network):
             launch = self._launch(network, 0, 0)
             given = [tensor.to(network.dtype).contiguous() for tensor in (injected, signs)]
-            launch(
-                run_network, time, *map(_array, given), _array(spikes), _array(rewards.to(network.dtype).contiguous())
-            )
-            launch.end()
-        network.time += len(injected)
+            rewarded = rewards.to(network.dtype).contiguous()
+            launch(run_network, len(injected), *map(_array, (*given, spikes, rewarded)))
 
     def _current(self, network: Network) -> AbstractContextManager[Any]:
         """Lets kernels run where the network is."""
@@ -145,7 +140,7 @@ class CudaEngine:
 
 
 class Launch:
-    """A network made ready for kernels, from their first launch to `end`.
+    """A network made ready for kernels.
 
     Args:
         network, tables, functions, arrays: a network and what is known of it.
@@ -165,25 +160,25 @@ class Launch:
         room = scratch_for(network, tables, 0 if on_chip else memory, self.lanes, kinds, sensors)
         self.given = arrays, _state(network, self.modulators), _on_device(room, network.device)
 
-    def __call__(self, kernel: Callable[..., None], *given: Any) -> None:
-        """Run a kernel, and wait until it has ended."""
+    def __call__(self, kernel: Callable[..., None], steps: int, *given: Any) -> None:
+        """Run a kernel for so many ms; the network's modules then have what has become of them."""
+        network = self.network
+        configuration = network.trials, self.lanes, 0, self.shared
+        arguments = (*self.given, int(network.time), *given)
         if not SIMULATED:
-            torch.cuda.synchronize(self.network.device)  # torch may work on another stream
+            torch.cuda.synchronize(network.device)  # torch may work on another stream
         with unfused(), warnings.catch_warnings():
             if SIMULATED:
                 warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, where a compiled number just overflows
             try:
-                _start(
-                    self.kernels[kernel.__name__], (self.network.trials, self.lanes, 0, self.shared), self.given + given
-                )
+                _start(self.kernels[kernel.__name__], configuration, arguments)
             except NumbaError as error:
                 # numba says first where it failed, and in lines further down how it came there
                 reason = next(line for line in str(error).splitlines() if line and not line.startswith("Failed in"))
                 raise ConfigError("engine", "cuda", f"cannot compile it ({reason}); use engine=reference") from error
 
-    def end(self) -> None:
-        """Let the network's modules have what has become of them."""
-        put_back(self.network, self.modulators)
+        put_back(network, self.modulators)
+        network.time += steps
 
 
 def _start(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) -> None:
