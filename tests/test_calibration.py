@@ -19,7 +19,7 @@ from snnrl.configuration.builder import build
 from snnrl.recording.runs import Run
 from snnrl.running.job import perform
 from snnrl.thesis import calibrate, fit
-from snnrl.thesis.calibrate import FREE, mean_weights, neighbours, outcome, present, simulate
+from snnrl.thesis.calibrate import FREE, STARTS, Choice, mean_weights, neighbours, outcome, prepare, present, simulate
 from snnrl.thesis.claims import settled, taxis
 from snnrl.thesis.compare import contrast
 from snnrl.thesis.loss import UNIT, Outcome
@@ -160,29 +160,71 @@ def test_contrast_of_the_two_container_touches() -> None:
 def test_neighbours_change_one_value_each() -> None:
     values = present()
     changes = neighbours(values)
-    assert len(changes) == len(set(changes)) == 2 * 5 + 2 + 3
-    assert all(value != values[name] for name, value in changes)
+    assert {name for name, _ in changes} == set(FREE)
+    assert len(changes) == len(set(changes)) > len(FREE)
+    for name, value in changes:
+        free = FREE[name]
+        assert value != values[name]
+        assert value in free.values if isinstance(free, Choice) else free.low <= value <= free.high
+        outcome("secondary_behaviour", "benchmark", {**values, name: value, "seconds": 0.7}, 2, 0)
 
 
-def test_a_bad_point_is_given_up_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen: list[tuple[int, str]] = []
+def test_every_start_can_be_run() -> None:
+    for start in STARTS:
+        assert start.keys() <= FREE.keys()
+        for name, value in start.items():
+            free = FREE[name]
+            assert value in free.values if isinstance(free, Choice) else free.low <= value <= free.high
+        for run in (("food_attraction", "learning"), ("secondary_behaviour", "fixed_container_dopamine")):
+            outcome(*run, {**present(), **start, "seconds": 0.7}, 2, 0)
 
-    def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
+
+def test_kicks_come_with_their_rate_and_arrival_with_what_it_needs() -> None:
+    values = {"network.groups.dopaminergic.kick_rate": 0.4, "network.plasticity.potentiation_from": "arrival"}
+    network = prepare("food_attraction", "learning", values, 1, 0)[1].network
+    assert network.groups["dopaminergic"].kick == calibrate.KICK["network.groups.dopaminergic.kick"]
+    assert network.plasticity.simultaneous == "depresses"
+    assert prepare("food_attraction", "learning", {}, 1, 0)[1].network.groups["dopaminergic"].kick == 0.0
+    without = prepare("food_attraction", "learning", {"world.ranges.container.measured_to": "border"}, 1, 0)[1].world
+    assert without is not None
+    assert "container" not in without.ranges
+
+
+def test_of_three_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[tuple[int, int]] = []
+
+    def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
         number = seed - calibrate.FIRST_SEED
-        for cell in ("a", "b", "c"):
-            seen.append((number, cell))
-            yield cell, 1.0 if number < 6 else 9.0
+        for rung in range(3):
+            seen.append((number, rung))
+            yield {"a": float(number), "b": 0.0}
 
-    monkeypatch.setattr(calibrate, "measured", measured)
+    monkeypatch.setattr(calibrate, "rungs", rungs)
     study = optuna.create_study()
     calibrate.search(study, 7, trials=5)
-    assert [cell for number, cell in seen if number == 5] == ["a", "b", "c"]
-    assert [cell for number, cell in seen if number == 6] == ["a"]
+    assert [rung for number, rung in seen if number == 0] == [0, 1, 2]
+    assert [rung for number, rung in seen if number == 6] == [0]
     assert study.trials[0].params == present()
+    complete = len(study.get_trials(states=[optuna.trial.TrialState.COMPLETE]))
     made = calibrate.record(study, optuna.create_study(), "a note")
-    assert (len(made["history"]), made["given_up"], made["trials"]) == (6, 1, [5])
+    assert (len(made["history"]), made["given_up"], made["trials"]) == (complete, 7 - complete, [5])
+    assert 0 < complete < 7
     assert made["unit"] == UNIT
-    assert study.best_trial.user_attrs["distances"] == {"a": 1.0, "b": 1.0, "c": 1.0}
+    assert study.best_trial.user_attrs["distances"] == {"a": 0.0, "b": 0.0}
+
+
+def test_the_telling_cells_are_among_all(monkeypatch: pytest.MonkeyPatch) -> None:
+    few = np.array([3.0, 4.0])
+    seen: list[tuple[str, str]] = []
+
+    def ran(experiment: str, robot: str, *_: Any) -> Outcome:
+        seen.append((experiment, robot))
+        return Outcome(few, few, few > 3, few > 3, np.stack([few, few]), few, few)
+
+    monkeypatch.setattr(calibrate, "outcome", ran)
+    names = {name for name, _ in calibrate.telling({}, 2, 0)}
+    assert tuple(seen) == calibrate.TELLING
+    assert len(names) > 3 * len(seen)
 
 
 def test_the_record_of_a_former_fit_says_that_it_is_in_standard_errors(

@@ -340,11 +340,12 @@ def search(study: optuna.Study, points: int, trials: int) -> None:
 
 
 def neighbours(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Every change of one value: a step down and up, or the other choice."""
+    """Every change of one value: a step down and up where that is searched too, or another choice."""
     result: list[tuple[str, Any]] = []
     for name, free in FREE.items():
         if isinstance(free, Free):
-            result += [(name, round(values[name] - free.step, 6)), (name, round(values[name] + free.step, 6))]
+            around = (round(values[name] - free.step, 6), round(values[name] + free.step, 6))
+            result += [(name, value) for value in around if free.low <= value <= free.high]
         else:
             result += [(name, value) for value in free.values if value != values[name]]
     return result
