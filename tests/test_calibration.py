@@ -54,8 +54,9 @@ def test_every_published_number_is_a_cell_of_the_loss(monkeypatch: pytest.Monkey
     for name in ("escape_times", "background_rate", "dose", "waits"):
         monkeypatch.setattr(calibrate, name, lambda *_: torch.from_numpy(few))
     published = yaml.safe_load(PUBLISHED.read_text())
-    expected = {"background rate", "dose", "entering to food", "orbit/learning/escaped", "orbit/learning/time"}
+    expected = {"background rate", "dose", "entering to food", "orbit/learning/time"}
     expected |= {f"food_attraction/learning/{when}" for when in ("weights saturated", "attraction settled")}
+    expected |= {f"orbit/{robot}/escaped" for robot in published["escaped"]["orbit"]}
     for kind, quantities in (
         ("food", ("food", "food spread", "trapped")),
         ("correct", ("correct",)),

@@ -58,9 +58,9 @@ def test_a_trial_is_trapped_without_food_in_its_last_300_s_or_30_percent() -> No
 
 
 def test_orbit_and_background() -> None:
-    found = dict(orbit_cells(np.array([5.1, 6.12, np.nan, np.nan]), published()))
+    found = dict(orbit_cells("learning", np.array([5.1, 6.12, np.nan, np.nan]), published()))
     assert found == {"orbit/learning/escaped": pytest.approx(-5.0), "orbit/learning/time": pytest.approx(1.0)}
-    assert dict(orbit_cells(np.full(3, np.nan), published()))["orbit/learning/time"] == FARTHEST
+    assert dict(orbit_cells("learning", np.full(3, np.nan), published()))["orbit/learning/time"] == FARTHEST
     assert dict(background_cells(np.array([0.4, 0.5]), published()))["background rate"] == pytest.approx(1.0)
 
 

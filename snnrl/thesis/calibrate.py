@@ -217,9 +217,9 @@ def mean_weights(network: Network) -> dict[str, np.ndarray]:
     return {name: projection.mean_weight().numpy() for name, projection in network.projections.items()}
 
 
-def escape_times(values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
-    """When the learning robot leaves its orbit (s), nan where it does not, [B]."""
-    simulation, config, engine = prepare("orbit", "learning", values, trials, seed)
+def escape_times(robot: str, values: Mapping[str, Any], trials: int, seed: int) -> Tensor:
+    """When a robot leaves its orbit (s), nan where it does not, [B]."""
+    simulation, config, engine = prepare("orbit", robot, values, trials, seed)
     times = torch.full((trials,), torch.nan, dtype=torch.float64)
     coding, world = config.body()
     limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
@@ -285,7 +285,8 @@ def measured(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
     released, waited = (measure(values, trials, seed).numpy() for measure in (dose, waits))
     yield from food_cells(released, waited, theirs)
     yield from background_cells(background_rate(values, trials, seed).numpy(), theirs)
-    yield from orbit_cells(escape_times(values, theirs["escaped"]["trials"], seed).numpy(), theirs)
+    for robot in theirs["escaped"]["orbit"]:
+        yield from orbit_cells(robot, escape_times(robot, values, theirs["escaped"]["trials"], seed).numpy(), theirs)
 
 
 def runs_of(theirs: Mapping[str, Any]) -> list[tuple[str, str]]:

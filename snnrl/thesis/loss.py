@@ -121,12 +121,13 @@ def run_cells(experiment: str, robot: str, ours: Outcome, published: Mapping[str
             yield f"{name}/{what}", time_distance(times, published["said"][said])
 
 
-def orbit_cells(times: np.ndarray, published: Mapping[str, Any]) -> Cells:
-    """Of the learning robot's escapes from its orbit: when [B] (s), nan where it stays."""
-    cell = published["escaped"]["orbit"]["learning"]
+def orbit_cells(robot: str, times: np.ndarray, published: Mapping[str, Any]) -> Cells:
+    """Of a robot's escapes from its orbit: when [B] (s), nan where it stays."""
+    cell = published["escaped"]["orbit"][robot]
     escaped = np.isfinite(times)
-    yield "orbit/learning/escaped", fraction_distance(escaped, cell["fraction"])
-    yield "orbit/learning/time", mean_distance(times[escaped], cell)
+    yield f"orbit/{robot}/escaped", fraction_distance(escaped, cell["fraction"])
+    if "mean" in cell:
+        yield f"orbit/{robot}/time", mean_distance(times[escaped], cell)
 
 
 def background_cells(rate: np.ndarray, published: Mapping[str, Any]) -> Cells:
