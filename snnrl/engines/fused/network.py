@@ -11,7 +11,7 @@ from snnrl.engines.fused.lists import fill_rows, pair_list, send_list, update_li
 from snnrl.engines.fused.modulators import empty_modulators, fill_modulators, signal_of, step_modulators
 from snnrl.engines.fused.neurons import draw_noise, empty_cells, fill_cells, sort_spikes, update_cells
 from snnrl.engines.fused.tiles import empty_tiles, fill_tiles, pair_tiles, send_tiles, update_tiles
-from snnrl.engines.fused.vectors import LANES
+from snnrl.engines.fused.vectors import LANES, put, take
 from snnrl.engines.layout import ADDS_UP, BY_RULE, LISTENS, PLACE, RULE, SIGNAL, SIZE, START
 
 
@@ -140,9 +140,10 @@ def run_network(t, s, w, low, high, time, injected, sign, raster, reward):
         for at in range(0, injected.shape[0], t.longest):
             steps = min(t.longest, injected.shape[0] - at)
             for k in range(steps):
+                row = injected[at + k, trial]
                 for g in range(t.groups.shape[0]):
-                    size, start, place = t.groups[g, SIZE], t.groups[g, START], t.groups[g, PLACE]
+                    size, start, place = t.groups[g, SIZE], t.groups[g, START], k * t.places + t.groups[g, PLACE]
                     for i in range(size):
-                        w.injected[k * t.places + place + i] = injected[at + k, trial, start + i]
+                        put(w.injected, place + i, take(row, start + i))
             run_block(t, s, w, trial, time + at, steps, 0, 0, t.places // LANES, sign[trial], raster, at, reward)
         store_trial(t, s, w, trial)
