@@ -40,7 +40,7 @@ from snnrl.running.job import perform
 TIME = 1.5  # time may grow by so much more than the size
 MEMORY = 1.5  # and so may memory beyond that of the start
 SLACK = 0.5, 16.0  # s and MB by which a small size may be off
-PICTURES = 15  # of a run of hours, whatever its length: matplotlib's caches grow with the first dozen, and then stay
+PICTURES = 15  # of a run of hours, whatever its length
 LEAK = 16.0  # MB; ten hours of samples and of the allocator's habits
 EVENTS = 4.0  # MB of TensorBoard events a simulated hour
 PLASTIC = 4 * 0.85  # synapses between the sensors and the motors, for each pair of places in their groups
@@ -233,8 +233,7 @@ def document(costs: Sequence[Cost], found: Sequence[tuple[bool, str]], command: 
             "Each line is a whole run of the food-attraction experiment (`python -m snnrl.run`) with its default "
             "recording, in a fresh process. *Build* makes the network and the world, *run* simulates, records and "
             "writes; *at the start* is the resident memory once the kernels are loaded. For more synapses the sensor "
-            f"and motor groups are larger. Runs of hours draw {PICTURES} pictures each, whatever their length: "
-            "matplotlib's caches fill with the first dozen, and would look like a leak.",
+            f"and motor groups are larger. Runs of hours draw {PICTURES} pictures each, whatever their length.",
             "",
             HEAD,
             *map(line, costs),
