@@ -102,37 +102,48 @@ FREE: Mapping[str, Free | Choice] = {
 }
 KICK = {"network.groups.dopaminergic.kick": 25.0}  # fires a neuron that rests
 ARRIVAL = ("network.plasticity.potentiation_from", "arrival")
-# What has come nearest in other searches, over the values in conf/.
-BORDERS = {"world.ranges.food.measured_to": "border", "world.ranges.container.measured_to": "border"}
-ATTRACTED = {
-    **BORDERS,
-    "network.plasticity.simultaneous": "depresses",
-    "network.plasticity.potentiation_from": "departure",
-}
+# What has come near in other searches, over the values in conf/.
 STARTS: tuple[Mapping[str, Any], ...] = (
     {},
-    BORDERS,
-    ATTRACTED,
+    {"network.plasticity.simultaneous": "depresses"},
     {
-        **{**ATTRACTED, "coding.exploration_gain": 1.45, "coding.range_gain": 2.0, "coding.touch_gain": 4.17},
-        **{"network.synaptic_gain": 2.6, "network.dopamine.tau": 15.0, "network.homeostasis.count_absent": True},
+        "network.plasticity.simultaneous": "depresses",
+        "network.homeostasis.count_absent": True,
+        "network.synaptic_gain": 2.6,
+        "network.dopamine.tau": 15.0,
+        "coding.exploration_gain": 1.45,
+        "coding.touch_gain": 4.17,
     },
     {
-        **{**ATTRACTED, "coding.exploration_gain": 1.66, "coding.range_gain": 2.07, "coding.touch_gain": 4.17},
-        **{"network.synaptic_gain": 2.6, "network.dopamine.tau": 18.0, "network.homeostasis.count_absent": True},
+        "network.plasticity.simultaneous": "depresses",
+        "network.homeostasis.count_absent": True,
+        "network.synaptic_gain": 2.6,
+        "network.dopamine.tau": 18.0,
+        "coding.exploration_gain": 1.66,
+        "coding.range_gain": 2.07,
+        "coding.touch_gain": 4.17,
     },
     {
-        **{**ATTRACTED, "coding.exploration_gain": 1.3, "coding.range_gain": 1.53, "coding.touch_gain": 4.67},
-        **{"network.synaptic_gain": 2.4, "network.dopamine.tau": 20.0, "network.homeostasis.count_absent": True},
+        "network.plasticity.simultaneous": "depresses",
+        "network.homeostasis.count_absent": True,
+        "network.synaptic_gain": 2.4,
+        "network.dopamine.tau": 20.0,
+        "coding.exploration_gain": 1.3,
+        "coding.range_gain": 1.53,
+        "coding.touch_gain": 4.67,
     },
     {
-        **{**BORDERS, "coding.range_gain": 1.75, "coding.touch_gain": 3.0, "network.dopamine.tau": 8.0},
-        **{"network.synaptic_gain": 1.75},
+        "network.synaptic_gain": 1.75,
+        "network.dopamine.tau": 8.0,
+        "coding.range_gain": 1.75,
+        "coding.touch_gain": 3.0,
     },
     {
-        **{**BORDERS, "coding.range_gain": 2.0, "coding.touch_gain": 3.0, "network.dopamine.tau": 6.0},
-        **{"network.synaptic_gain": 1.0, "network.groups.dopaminergic.noise": 0.0},
-        **{"network.groups.dopaminergic.kick_rate": 0.4},
+        "network.synaptic_gain": 1.0,
+        "network.dopamine.tau": 6.0,
+        "network.groups.dopaminergic.noise": 0.0,
+        "network.groups.dopaminergic.kick_rate": 0.4,
+        "coding.touch_gain": 3.0,
     },
 )
 
@@ -163,9 +174,13 @@ def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
 def prepare(
     experiment: str, robot: str, values: Mapping[str, Any], trials: int, seed: int
 ) -> tuple[Simulation, Config, Engine]:
-    """One cell's run at its published length, not yet begun; values of what its world has not are left out."""
+    """One cell's run at its published length, not yet begun; free values of what its world has not are left out."""
     described = compose(f"+experiment={experiment}")
-    known = {key: value for key, value in options_of(values).items() if value_of(described, key) is not None}
+    known = {
+        key: value
+        for key, value in options_of(values).items()
+        if key not in FREE or value_of(described, key) is not None
+    }
     options = {"trials": trials, "seed": seed, "robot": robot, **known}
     config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
     return build(config), config, make_engine("auto", config.device)
@@ -315,16 +330,12 @@ def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[st
 
 
 def search(study: optuna.Study, points: int, trials: int) -> None:
-    """Add points to the study, STARTS first; of each three that come to a rung, the best goes on to the next.
-
-    Raises:
-        KeyError: a start names a value that is not free.
-    """
+    """Add points to the study, STARTS first; of each three that come to a rung, the best goes on to the next."""
     study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True)
     study.pruner = optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=3)
     if not study.trials:
         for start in STARTS:
-            study.enqueue_trial({**present(), **{name: start[name] for name in start if FREE[name]}})
+            study.enqueue_trial({**present(), **start})
 
     def objective(trial: optuna.Trial) -> float:
         values = {name: free.suggest(trial, name) for name, free in FREE.items()}

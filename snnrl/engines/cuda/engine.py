@@ -27,7 +27,7 @@ from snnrl.engines.fused.engine import check_compiled, describe
 from snnrl.engines.fused.modulators import releasing
 from snnrl.engines.fused.plasticity import bounding
 from snnrl.engines.fused.world import world_arrays
-from snnrl.engines.interface import Situation
+from snnrl.engines.interface import Given, Situation
 from snnrl.engines.layout import Functions, Tables, Topology, real_of, tables, topology
 from snnrl.engines.reference import run_ticks
 from snnrl.errors import ConfigError
@@ -96,12 +96,7 @@ class CudaEngine:
                 launch(run_robot, count * tick, *arrays, largest, count, shown)
 
     def run_network(
-        self,
-        network: Network,
-        injected: Tensor,
-        sign: Tensor | None = None,
-        raster: Tensor | None = None,
-        reward: Tensor | None = None,
+        self, network: Network, injected: Tensor, sign: Given = None, raster: Given = None, reward: Given = None
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from snnrl.engines.cuda.compiler import barrier
-from snnrl.engines.cuda.plasticity import span
+from snnrl.engines.fused.lists import synapses_of
 from snnrl.engines.layout import SET
 from snnrl.model.homeostasis import lowered
 
@@ -23,7 +23,7 @@ def dampen(t, wiring, w, trial):
 
 def places(t, wiring, p, trial):
     """Where a trial's weights of a projection begin and end."""
-    low, high = span(t, p, trial)
+    low, high = synapses_of(t, p, trial)
     return wiring.begins[p, trial], wiring.begins[p, trial] + high - low
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from snnrl.engines.cuda.compiler import real
-from snnrl.engines.fused.compiler import placeholder
+from snnrl.engines.fused.lists import synapses_of
+from snnrl.engines.fused.plasticity import bound
 from snnrl.engines.layout import (
     BOUNDS,
     DEPRESSES,
@@ -11,31 +12,16 @@ from snnrl.engines.layout import (
     GAINS_END,
     LOSSES,
     LOSSES_END,
-    PRE,
-    ROWS,
     RULE,
     SIGNAL,
-    SIZE,
     WEIGHT_RULE,
 )
-
-
-@placeholder
-def bound(which, weight, change, values, at):
-    """A weight after a change, by one of the weight rules, with further arguments from `at` on."""
-
-
-def span(t, p, trial):
-    """Where a trial's synapses of a projection begin and end among all."""
-    size = t.groups[t.projections[p, PRE], SIZE]
-    row = t.projections[p, ROWS] + trial * size
-    return t.rows[row], t.rows[row + size]
 
 
 def load_synapses(t, wiring, s, w, trial):
     """Fetch a trial's weights and eligibilities."""
     for p in range(t.projections.shape[0]):
-        low, high = span(t, p, trial)
+        low, high = synapses_of(t, p, trial)
         place = wiring.begins[p, trial]
         for k in range(w.lane, high - low, w.lanes):
             w.memory[place + k] = s.weight[low + k]
@@ -45,7 +31,7 @@ def load_synapses(t, wiring, s, w, trial):
 def store_synapses(t, wiring, s, w, trial):
     """Put them back where they were."""
     for p in range(t.projections.shape[0]):
-        low, high = span(t, p, trial)
+        low, high = synapses_of(t, p, trial)
         place = wiring.begins[p, trial]
         for k in range(w.lane, high - low, w.lanes):
             s.weight[low + k] = w.memory[place + k]
@@ -78,7 +64,7 @@ def learn(t, wiring, s, w, trial, now, any_fired):
             continue
         signal, decay = w.signal[t.projections[p, SIGNAL]], t.fading[rule, 1]
         which, at = t.rules[rule, WEIGHT_RULE], t.rules[rule, BOUNDS]
-        low, high = span(t, p, trial)
+        low, high = synapses_of(t, p, trial)
         place = wiring.begins[p, trial]
         for k in range(w.lane, high - low, w.lanes):
             here, there = place + k, wiring.synapses + place + k

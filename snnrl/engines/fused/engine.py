@@ -113,12 +113,7 @@ class FusedEngine:
         return kernel, part
 
     def run_network(
-        self,
-        network: Network,
-        injected: Tensor,
-        sign: Tensor | None = None,
-        raster: Tensor | None = None,
-        reward: Tensor | None = None,
+        self, network: Network, injected: Tensor, sign: Given = None, raster: Given = None, reward: Given = None
     ) -> None:
         """Open loop; see `snnrl.engines.interface.Engine`."""
         network.check_reward(reward)
