@@ -3,8 +3,8 @@
     python tools/causes.py [--trials 10] [--repeats 7] [--seconds 10] [--warm-up 200]
 
 Every row but the first two is measured by compiling the kernel without that part, from the same state; robots then do
-something else, so rows are to steer by and need not add up: without currents nothing fires, and that is not counted as
-coding. Neurons and draws are those of `tools/limit.py`. One thread, one table a robot, in ns a trial-millisecond.
+something else, so rows are to steer by and need not add up: one that does not move in its world, for one, sees less or
+more. Neurons and draws are those of `tools/limit.py`. One thread, one table a robot, in ns a trial-millisecond.
 """
 
 from __future__ import annotations
@@ -45,16 +45,12 @@ def no_world(world, seed, number, trial, left, right, now, touched):  # type: ig
     touched[:] = 0
 
 
-def no_sense(world, trial, r):  # type: ignore[no-untyped-def]
-    return 0, 0.0
-
-
 PARTS: dict[str, tuple[tuple[Any, str, Callable[..., Any]], ...]] = {
     "pairing": ((network, "pair", no_pair),),
     "sending": ((network, "send", no_send),),
     "settling, homeostasis": ((network, "settle", no_settle),),
     "modulators": ((network, "step_modulators", no_modulators),),
-    "world, sensing": ((coding, "step_world", no_world), (coding, "sense", no_sense)),
+    "world": ((coding, "step_world", no_world),),
 }
 
 
@@ -101,7 +97,7 @@ def main() -> None:
         whole, limit = measured.pop(""), limit_of(simulation)
         rows = {"neurons": limit["neurons"], "draws": limit["draws"]}
         rows |= {part: whole - left for part, left in measured.items()}
-        rows["the rest: coding, finding spikes, calls"] = whole - sum(rows.values())
+        rows["the rest: coding and sensing, finding spikes, calls"] = whole - sum(rows.values())
         print(f"{robot}: {whole:.0f} ns, {100 * (limit['neurons'] + limit['draws']) / whole:.0f} % of the limit")
         for part, value in rows.items():
             print(f"  {value:6.1f}  {100 * value / whole:4.0f} %  {part}")
