@@ -67,7 +67,6 @@ def test_every_published_number_is_a_cell_of_the_loss(monkeypatch: pytest.Monkey
         expected |= {f"{robot}/{quantity}" for robot in robots for quantity in quantities}
     found = list(calibrate.measured({}, 2, 0))
     assert sorted(name for name, _ in found) == sorted(expected)
-    assert found[0][0] == "food_attraction/learning/food"
 
 
 def test_late_food_is_that_of_the_last_part_of_a_trial() -> None:
@@ -191,7 +190,7 @@ def test_kicks_come_with_their_rate_and_arrival_with_what_it_needs() -> None:
     assert "container" not in without.ranges
 
 
-def test_of_three_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_four_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[int, int]] = []
 
     def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
@@ -214,18 +213,34 @@ def test_of_three_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.M
     assert study.best_trial.user_attrs["distances"] == {"a": 0.0, "b": 0.0}
 
 
-def test_the_telling_cells_are_among_all(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_rung_judges_by_more(monkeypatch: pytest.MonkeyPatch) -> None:
     few = np.array([3.0, 4.0])
-    seen: list[tuple[str, str]] = []
+    seen: list[tuple[str, str, int]] = []
 
-    def ran(experiment: str, robot: str, *_: Any) -> Outcome:
-        seen.append((experiment, robot))
+    def ran(experiment: str, robot: str, values: Any, trials: int, seed: int) -> Outcome:
+        seen.append((experiment, robot, trials))
         return Outcome(few, few, few > 3, few > 3, np.stack([few, few]), few, few)
 
     monkeypatch.setattr(calibrate, "outcome", ran)
-    names = {name for name, _ in calibrate.telling({}, 2, 0)}
-    assert tuple(seen) == calibrate.TELLING
-    assert len(names) > 3 * len(seen)
+    for name in ("escape_times", "background_rate", "dose", "waits"):
+        monkeypatch.setattr(calibrate, name, lambda *_: torch.from_numpy(few))
+    rungs = list(calibrate.rungs({}, 15, 0))
+    assert len(rungs) == calibrate.LAST + 1
+    names = [set(rung) for rung in rungs]
+    assert names[0] < names[1] < names[2]
+    assert {f"orbit/{robot}/escaped" for robot in ("learning", "learning_disabled", "positive_baseline")} < names[0]
+    early = [*calibrate.CHEAP, *calibrate.TELLING]
+    assert seen[: len(early)] == [(*run, 5) for run in early]
+    assert {trials for *_, trials in seen[len(early) :]} == {15}
+
+
+def test_the_dopamine_set_has_a_mean_of_its_own_where_there_is_one() -> None:
+    values = {calibrate.OWN_MEAN: False, "network.homeostasis.count_absent": True}
+    own = prepare("secondary_stimulus", "learning", values, 1, 0)[1].network.homeostasis.per_set
+    assert own["container_dopamine"].count_absent is False
+    assert not prepare("food_attraction", "learning", values, 1, 0)[1].network.homeostasis.per_set
+    same = prepare("secondary_stimulus", "learning", {calibrate.OWN_MEAN: None}, 1, 0)[1].network.homeostasis
+    assert not same.per_set
 
 
 def test_the_record_of_a_former_fit_says_that_it_is_in_standard_errors(

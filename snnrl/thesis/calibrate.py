@@ -4,14 +4,15 @@
     python -m snnrl.calibrate --sensitivity    # change the values in conf/ one at a time
     python -m snnrl.calibrate --record NOTE    # write what the study holds into the package, for the report
 
-The loss is that of `snnrl.thesis.loss`. The study is kept in the file; running the command again continues it.
+The loss is that of `snnrl.thesis.loss`. The study is kept in the file; running the command again continues it, and
+several at once share it.
 Seeds of the fit start at 1,000,000, far from those of the runs that are reported.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -47,14 +48,15 @@ from snnrl.thesis.loss import (
 from snnrl.thesis.published import published
 
 FIRST_SEED = 1_000_000
-RUNGS = (1, 3, 9)  # steps at which the search gives points up
+LAST = 2  # step of the last of the `rungs`
+FEWER = 4  # of so many points one goes on to the next rung
 COURSE = ("food_attraction", "learning")  # of which the text says when it has learnt
-TELLING = (  # runs that tell a good point from a bad one in little time
-    ("food_attraction", "learning"),
+CHEAP = (COURSE, ("secondary_behaviour", "container_dopamine_learning"))  # with the orbit, what most points fail
+TELLING = (  # what most of the others fail
     ("secondary_behaviour", "benchmark"),
     ("secondary_behaviour", "fixed_container_dopamine"),
-    ("secondary_behaviour", "container_dopamine_learning"),
     ("secondary_behaviour", "no_container_dopamine"),
+    ("dual_learning", "learning"),
 )
 
 
@@ -80,13 +82,14 @@ class Choice:
         return trial.suggest_categorical(name, self.values)
 
 
+OWN_MEAN = "+network.homeostasis.per_set.container_dopamine.count_absent"  # None: as that of the other sets
 FREE: Mapping[str, Free | Choice] = {
-    "coding.range_gain": Free(1.2, 2.6, 0.2),
+    "coding.range_gain": Free(1.0, 3.5, 0.2),
     "coding.touch_gain": Free(2.0, 6.0, 0.5),
-    "coding.exploration_gain": Free(0.9, 2.0, 0.2),
+    "coding.exploration_gain": Free(0.9, 2.2, 0.2),
     "coding.exploration_drawn": Choice(("each_ms", "each_tick")),
     "coding.gain_acts_on": Choice(("counts", "mean")),
-    "network.synaptic_gain": Free(0.9, 4.0, 0.4),
+    "network.synaptic_gain": Free(0.9, 5.0, 0.4),
     "network.dopamine.tau": Free(6.0, 40.0, 3.0),
     "network.groups.inhibitory.current": Choice((0.0, 4.5)),  # silent below 3.85
     "network.groups.dopaminergic.noise": Free(0.0, 0.29, 0.1),
@@ -94,6 +97,7 @@ FREE: Mapping[str, Free | Choice] = {
     "network.plasticity.simultaneous": Choice(("potentiates", "depresses")),
     "network.plasticity.potentiation_from": Choice(("departure", "arrival")),
     "network.homeostasis.count_absent": Choice((True, False)),
+    OWN_MEAN: Choice((None, False)),
     "world.ranges.food.measured_to": Choice(("border", "centre")),
     "world.ranges.container.measured_to": Choice(("border", "centre")),
     "world.kinds.food_container.avoids": Choice(("[]", "[robot]", "[robot,containers]")),
@@ -133,6 +137,24 @@ STARTS: tuple[Mapping[str, Any], ...] = (
         "coding.touch_gain": 4.67,
     },
     {
+        "network.plasticity.simultaneous": "depresses",
+        "network.homeostasis.count_absent": True,
+        "network.synaptic_gain": 3.2,
+        "network.dopamine.tau": 12.0,
+        "coding.exploration_gain": 1.2,
+        "coding.range_gain": 1.6,
+        "coding.touch_gain": 4.17,
+    },
+    {
+        "network.plasticity.simultaneous": "depresses",
+        "network.homeostasis.count_absent": True,
+        "network.synaptic_gain": 2.8,
+        "network.dopamine.tau": 15.0,
+        "coding.exploration_gain": 1.3,
+        "coding.range_gain": 3.0,
+        "coding.touch_gain": 4.17,
+    },
+    {
         "network.synaptic_gain": 1.75,
         "network.dopamine.tau": 8.0,
         "coding.range_gain": 1.75,
@@ -156,6 +178,13 @@ def value_of(config: Any, name: str) -> Any:
     return found
 
 
+def has(config: Config, name: str) -> bool:
+    """Whether a free value has a place in a configuration."""
+    if name == OWN_MEAN:
+        return "container_dopamine" in config.network.homeostasis.sets
+    return value_of(config, name) is not None
+
+
 def present() -> dict[str, Any]:
     """The free parameters as they are in conf/."""
     config = compose("+experiment=dual_learning")
@@ -166,6 +195,8 @@ def present() -> dict[str, Any]:
 def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """Free values as overrides; what counts from a spike's arrival depresses in the ms of its departure."""
     found = {**KICK, **values} if values.get("network.groups.dopaminergic.kick_rate") else dict(values)
+    if found.get(OWN_MEAN, 0) is None:
+        del found[OWN_MEAN]
     if found.get(ARRIVAL[0]) == ARRIVAL[1]:
         found["network.plasticity.simultaneous"] = "depresses"
     return found
@@ -176,11 +207,7 @@ def prepare(
 ) -> tuple[Simulation, Config, Engine]:
     """One cell's run at its published length, not yet begun; free values of what its world has not are left out."""
     described = compose(f"+experiment={experiment}")
-    known = {
-        key: value
-        for key, value in options_of(values).items()
-        if key not in FREE or value_of(described, key) is not None
-    }
+    known = {key: value for key, value in options_of(values).items() if key not in FREE or has(described, key)}
     options = {"trials": trials, "seed": seed, "robot": robot, **known}
     config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
     return build(config), config, make_engine("auto", config.device)
@@ -292,47 +319,56 @@ def waits(values: Mapping[str, Any], trials: int, seed: int, seconds: float = 14
     return torch.cat(found)
 
 
-def measured(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
-    """Name and distance of every cell of the loss, the most telling ones first."""
+def cells_of(runs: Iterable[tuple[str, str]], values: Mapping[str, Any], trials: int, seed: int) -> Cells:
+    """Name and distance of the published cells of some runs."""
+    for experiment, robot in runs:
+        yield from run_cells(experiment, robot, outcome(experiment, robot, values, trials, seed), published())
+
+
+def orbits(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
+    """Name and distance of the cells of the orbit."""
     theirs = published()
-    for experiment, robot in runs_of(theirs):
-        yield from run_cells(experiment, robot, outcome(experiment, robot, values, trials, seed), theirs)
+    for robot in theirs["escaped"]["orbit"]:
+        yield from orbit_cells(robot, escape_times(robot, values, trials, seed).numpy(), theirs)
+
+
+def measured(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
+    """Name and distance of every cell of the loss."""
+    theirs = published()
+    yield from cells_of(runs_of(theirs), values, trials, seed)
+    yield from orbits(values, theirs["escaped"]["trials"], seed)
     released, waited = (measure(values, trials, seed).numpy() for measure in (dose, waits))
     yield from food_cells(released, waited, theirs)
     yield from background_cells(background_rate(values, trials, seed).numpy(), theirs)
-    for robot in theirs["escaped"]["orbit"]:
-        yield from orbit_cells(robot, escape_times(robot, values, theirs["escaped"]["trials"], seed).numpy(), theirs)
 
 
 def runs_of(theirs: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Experiment and robot of every run with a published cell, those of TELLING first."""
-    runs = {
-        (experiment, robot)
-        for kind in ("food", "correct", "contrast", "failed_strong")
-        for experiment, robots in theirs[kind].items()
-        for robot in robots
-    }
-    return [*TELLING, *sorted(runs.difference(TELLING))]
-
-
-def telling(values: Mapping[str, Any], trials: int, seed: int) -> Cells:
-    """The cells of the runs in TELLING alone."""
-    theirs = published()
-    for experiment, robot in TELLING:
-        yield from run_cells(experiment, robot, outcome(experiment, robot, values, trials, seed), theirs)
+    """Experiment and robot of every run with a published cell."""
+    return sorted(
+        {
+            (experiment, robot)
+            for kind in ("food", "correct", "contrast", "failed_strong")
+            for experiment, robots in theirs[kind].items()
+            for robot in robots
+        }
+    )
 
 
 def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
-    """What a point is judged by, each time by more: telling cells with few trials, with all, and every cell."""
-    yield dict(telling(values, max(2, trials // 3), seed))
-    yield dict(telling(values, trials, seed))
+    """What a point is judged by, each time by more: what is cheap and what tells most, by few trials; then all."""
+    few = max(2, trials // 3)
+    found = dict([*orbits(values, few, seed), *cells_of(CHEAP, values, few, seed)])
+    yield found
+    yield {**found, **dict(cells_of(TELLING, values, few, seed))}
     yield dict(measured(values, trials, seed))
 
 
 def search(study: optuna.Study, points: int, trials: int) -> None:
-    """Add points to the study, STARTS first; of each three that come to a rung, the best goes on to the next."""
-    study.sampler = optuna.samplers.TPESampler(seed=FIRST_SEED + len(study.trials), multivariate=True)
-    study.pruner = optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=3)
+    """Add points to the study, STARTS first; of each FEWER that come to a rung, the best goes on to the next."""
+    study.sampler = optuna.samplers.TPESampler(
+        seed=FIRST_SEED + len(study.trials), multivariate=True, constant_liar=True
+    )
+    study.pruner = optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=FEWER)
     if not study.trials:
         for start in STARTS:
             study.enqueue_trial({**present(), **start})
@@ -343,8 +379,8 @@ def search(study: optuna.Study, points: int, trials: int) -> None:
         found: dict[str, float] = {}
         for step, found in enumerate(rungs(values, trials, FIRST_SEED + trial.number)):
             trial.set_user_attr("distances", found)
-            trial.report(loss(found), RUNGS[step])
-            if step < len(RUNGS) - 1 and trial.should_prune():
+            trial.report(loss(found), FEWER**step)
+            if step < LAST and trial.should_prune():
                 raise optuna.TrialPruned
         return loss(found)
 
@@ -408,7 +444,7 @@ def main() -> None:
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     fit, sensitivity = (
         optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)
-        for name in ("calibration by published spreads", "sensitivity by published spreads")
+        for name in ("calibration by rungs", "sensitivity by published spreads")
     )
     if arguments.record is not None:
         write_json(CALIBRATION, record(fit, sensitivity, arguments.record))
