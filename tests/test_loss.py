@@ -75,15 +75,19 @@ def test_a_time_that_is_about_so_many_s_is_measured_by_its_ratio() -> None:
     assert found["food_attraction/learning/attraction settled"] == pytest.approx(2.0)
 
 
-def test_a_failure_is_strong_where_both_sides_attract_all_the_same() -> None:
+def test_a_failure_is_weak_where_a_side_does_not_attract() -> None:
+    """One of four; and each of them counts as much whether others fail or not."""
     learnt = np.array([True, False, False, False])
     attraction = np.array([[0.1, 3.0, 0.4, 0.6], [0.1, 0.6, 3.0, 0.51]])
-    ours = Outcome(np.ones(4), np.ones(4), learnt, attraction=attraction)
-    cell = "secondary_behaviour/fixed_container_dopamine/failed strong"
-    found = dict(run_cells("secondary_behaviour", "fixed_container_dopamine", ours, published()))
-    assert found[cell] == pytest.approx((2 / 3 - 1) / 0.1)
-    without = Outcome(np.ones(4), np.ones(4), np.ones(4, bool), attraction=attraction)
-    assert dict(run_cells("secondary_behaviour", "fixed_container_dopamine", without, published()))[cell] == 0.0
+    cell = "secondary_behaviour/fixed_container_dopamine/failed weakly"
+
+    def of(learnt: np.ndarray) -> float:
+        ours = Outcome(np.ones(4), np.ones(4), learnt, attraction=attraction)
+        return dict(run_cells("secondary_behaviour", "fixed_container_dopamine", ours, published()))[cell]
+
+    assert of(learnt) == pytest.approx(0.25 / 0.1)
+    assert of(np.array([True, True, False, True])) == pytest.approx(0.25 / 0.1)
+    assert of(np.ones(4, bool)) == 0.0
 
 
 def test_dose_and_the_wait_for_food_are_measured_in_tenths() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +16,101 @@ from snnrl.drawing.palette import OTHER
 from snnrl.drawing.style import figure
 from snnrl.recording.runs import Run
 from snnrl.schema import PlasticityConfig
+from snnrl.thesis.box import FREE, Choice
 from snnrl.thesis.loss import FARTHEST
 from snnrl.thesis.verdicts import p_greater
 
-CALIBRATION = Path(__file__).with_name("calibration.json")  # written by python -m snnrl.calibrate --record
+CALIBRATION, POINTS = (Path(__file__).with_name(f"calibration.{kind}") for kind in ("json", "csv"))
 FORMER_UNIT = "standard errors"  # of a record that does not say its unit: of the difference, our spread included
 PLANES = (("potentiation", "depression"), ("tau_plus", "tau_minus"))
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # on the values in conf/
 
 
+@dataclass(frozen=True)
+class Point:
+    """Free values that all cells have judged, `of` the search or of its finalists.
+
+    Attributes:
+        values: free values by their keys, numbers as such.
+        distances: of the cells.
+    """
+
+    of: str
+    number: int
+    trials: int
+    loss: float
+    values: Mapping[str, float | str]
+    distances: Mapping[str, float]
+
+
 def calibration() -> dict[str, Any] | None:
     """The record of the fit that conf/ holds, `unit` that of its losses and distances; None before there is one."""
     return {"unit": FORMER_UNIT, **json.loads(CALIBRATION.read_text())} if CALIBRATION.exists() else None
+
+
+def points() -> list[Point]:
+    """Those of the record of the fit; cells have a slash or a space in their names, or are the dose."""
+    if not POINTS.exists():
+        return []
+    with POINTS.open() as file:
+        rows = list(csv.DictReader(file))
+    keys = [key for key in rows[0] if "." in key] if rows else []
+    cells = [key for key in rows[0] if key not in (*keys, "of", "number", "trials", "loss")] if rows else []
+    return [
+        Point(
+            row["of"],
+            int(row["number"]),
+            int(row["trials"]),
+            float(row["loss"]),
+            {key: _number(row[key]) for key in keys},
+            {cell: float(row[cell]) for cell in cells if row[cell]},
+        )
+        for row in rows
+    ]
+
+
+def _number(text: str) -> float | str:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def noise(found: Sequence[Point]) -> float:
+    """SD of the difference between the losses of the same values in the search and as finalists; nan of too few."""
+    searched = {point.number: point.loss for point in found if point.of == "search"}
+    differences = [point.loss - searched[point.number] for point in found if point.of == "finalists"]
+    return float(np.std(differences, ddof=1)) if len(differences) > 2 else float("nan")
+
+
+def within_noise(found: Sequence[Point]) -> list[Point]:
+    """Points of the search whose loss is not more than two `noise` above the least; the best alone if unknown."""
+    searched = [point for point in found if point.of == "search"]
+    least = min(point.loss for point in searched)
+    reach = noise(found)
+    return [point for point in searched if point.loss <= least + (0.0 if np.isnan(reach) else 2 * reach)]
+
+
+def pins(found: Sequence[Point]) -> list[dict[str, str]]:
+    """Of each free value: where the points within noise of the best have it, and the least loss by each choice."""
+    searched, near = [point for point in found if point.of == "search"], within_noise(found)
+    result = []
+    for key, free in FREE.items():
+        if key not in searched[0].values:
+            continue
+        values, least = [point.values[key] for point in near], ""
+        if isinstance(free, Choice):
+            spread = ", ".join(sorted({str(value) for value in values}))
+            by_choice: dict[str, list[float]] = {}
+            for point in searched:
+                by_choice.setdefault(str(point.values[key]), []).append(point.loss)
+            least = "; ".join(
+                f"{value} {min(losses):.2f} of {len(losses)}" for value, losses in sorted(by_choice.items())
+            )
+        else:
+            spread = f"{min(values):.3g} to {max(values):.3g}"
+        result.append({"key": key.lstrip("+"), "near": spread, "least": least})
+    return result
 
 
 def point_name(values: Mapping[str, float]) -> str:
@@ -97,15 +182,105 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
 
 def history(_: Mapping[str, Run]) -> Figure | None:
     """Every point of the calibration, and the best so far."""
-    record = calibration()
-    if record is None:
+    searched = [point for point in points() if point.of == "search"]
+    if not searched:
         return None
-    losses = [point["loss"] for point in record["history"]]
+    losses, numbers = [point.loss for point in searched], [point.number for point in searched]
     drawn, axis = figure(height=2.6)
-    axis.plot(losses, ".", color=OTHER, label="a point")
-    axis.step(range(len(losses)), np.minimum.accumulate(losses), where="post", color="#0072B2", label="best so far")
-    axis.set(xlabel="point of the study", ylabel=f"RMS distance ({record['unit']})", ylim=(0, None))
+    axis.plot(numbers, losses, ".", color=OTHER, label="a point that every cell has judged")
+    axis.step(numbers, np.minimum.accumulate(losses), where="post", color="#0072B2", label="best so far")
+    axis.set(xlabel="Point of the study", ylabel=f"RMS distance ({_unit()})", ylim=(0, None))
     axis.legend(loc="upper right")
+    return drawn
+
+
+def _unit() -> str:
+    return str((calibration() or {"unit": FORMER_UNIT})["unit"])
+
+
+def short_name(key: str) -> str:
+    """Of a free value, for an axis."""
+    return " ".join(key.lstrip("+").split(".")[-2:]).replace("_", " ")
+
+
+def pinned(_: Mapping[str, Run]) -> Figure | None:
+    """The loss over each free value, with the points within noise of the best."""
+    found = points()
+    searched = [point for point in found if point.of == "search"]
+    keys = [key for key in searched[0].values if len({point.values[key] for point in searched}) > 1] if searched else []
+    if not keys:
+        return None
+    near, columns = within_noise(found), 5
+    rows = -(-len(keys) // columns)
+    drawn, axes = figure(rows, columns, width=9.0, height=1.75 * rows + 0.5, sharey=True, squeeze=False)
+    for axis, key in zip(axes.flat, keys, strict=False):
+        named = sorted({str(point.values[key]) for point in searched})
+        numeric = all(isinstance(point.values[key], float) for point in searched)
+        for shown, colour, label, size in (
+            (searched, "#BBBBBB", "a point that every cell has judged", 4),
+            (near, "#0072B2", "within noise of the best", 6),
+        ):
+            x = [point.values[key] if numeric else named.index(str(point.values[key])) for point in shown]
+            axis.plot(x, [point.loss for point in shown], ".", color=colour, ms=size, label=label)
+        if not numeric:
+            axis.set_xticks(range(len(named)), named, fontsize=7)
+            axis.set_xlim(-0.5, len(named) - 0.5)
+        axis.set_xlabel(short_name(key), fontsize=8)
+    for axis in axes.flat[len(keys) :]:
+        axis.set_axis_off()
+    for axis in axes[:, 0]:
+        axis.set_ylabel("RMS distance")
+    drawn.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+    return drawn
+
+
+FRONTS = (  # cells that pull against each other
+    (
+        "Food attraction",
+        ("food_attraction/learning/",),
+        "Container behaviours",
+        ("container_dopamine/", "dual_learning/"),
+    ),
+    (
+        "Dose",
+        ("dose",),
+        "Container behaviours learnt",
+        ("container_dopamine_learning/correct", "dual_learning/learning/correct"),
+    ),
+)
+
+
+def rms(point: Point, parts: Sequence[str]) -> float:
+    """Root mean square of those of a point's distances whose names have one of the parts."""
+    chosen = [min(abs(v), FARTHEST) for cell, v in point.distances.items() if any(part in cell for part in parts)]
+    return float(np.sqrt(np.mean(np.square(chosen))))
+
+
+def front(pairs: Sequence[tuple[float, float]]) -> list[int]:
+    """Which of some pairs no other beats in one half without being worse in the other, by their first half."""
+    order = sorted(range(len(pairs)), key=lambda k: pairs[k])
+    result: list[int] = []
+    for k in order:
+        if not result or pairs[k][1] < pairs[result[-1]][1]:
+            result.append(k)
+    return result
+
+
+def fronts(_: Mapping[str, Run]) -> Figure | None:
+    """Cells that cannot be had together: every point by its distance from both, and those that none beats."""
+    searched = [point for point in points() if point.of == "search"]
+    if len(searched) < 2:
+        return None
+    drawn, axes = figure(1, len(FRONTS), width=7.6, height=3.3)
+    for axis, (across, first, up, second) in zip(axes, FRONTS, strict=True):
+        pairs = [(rms(point, first), rms(point, second)) for point in searched]
+        colours = [point.values["coding.exploration_gain"] for point in searched]
+        shown = axis.scatter(*zip(*pairs, strict=True), c=colours, s=10, cmap="viridis")
+        best = [pairs[k] for k in front(pairs)]
+        axis.step(*zip(*best, strict=True), where="post", color="#D55E00", lw=1.2, label="none is better in both")
+        axis.set(xlabel=f"{across}: RMS distance", ylabel=f"{up}: RMS distance", xlim=(0, None), ylim=(0, None))
+    axes[0].legend(loc="upper right")
+    drawn.colorbar(shown, ax=axes, label="exploration gain")
     return drawn
 
 

@@ -308,6 +308,20 @@ DRAWINGS = (
     ),
     Drawing("calibration", "fit", "The search for the free values: distance to all published cells.", (), fit.history),
     Drawing(
+        "pinned",
+        "fit",
+        "How well each free value is pinned: every point of the search that all cells have judged, by its value.",
+        (),
+        fit.pinned,
+    ),
+    Drawing(
+        "fronts",
+        "fit",
+        "What cannot be had together: distances from cells that pull against each other.",
+        (),
+        fit.fronts,
+    ),
+    Drawing(
         "sensitivity",
         "fit",
         "How sharply each cell pins each free value: change of its distance when one value is changed.",

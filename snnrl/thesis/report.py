@@ -22,7 +22,7 @@ from snnrl.files import finite, write, write_json
 from snnrl.recording.runs import Run
 from snnrl.thesis.claims import Claim, claims, escapes, first_food
 from snnrl.thesis.compare import Cell, compare, tally
-from snnrl.thesis.fit import calibration
+from snnrl.thesis.fit import calibration, pins, points, within_noise
 from snnrl.thesis.gallery import drawings
 from snnrl.thesis.loss import UNIT
 from snnrl.thesis.verdicts import RULE, Sample, Share
@@ -115,7 +115,7 @@ def compressed(drawn: Figure) -> bytes:
 
 def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, started: float) -> None:
     """Write report.html, report.md, report.json and figures/ to `folder`."""
-    cells, tested, fit = compare(runs), claims(runs), calibration()
+    cells, tested, fit, judged_points = compare(runs), claims(runs), calibration(), points()
     judged = not provenance.quick
     (folder / "figures").mkdir(parents=True)
     context: dict[str, Any] = {
@@ -128,6 +128,10 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         "pictures": _pictures(folder / "figures", runs),
         "food_after_escape": food_after_escape(runs),
         "fit": fit,
+        "searched": sum(point.of == "search" for point in judged_points),
+        "finalists": [point for point in judged_points if point.of == "finalists"],
+        "near": len(within_noise(judged_points)) if judged_points else 0,
+        "pins": pins(judged_points) if judged_points else [],
         "unit": UNIT,
         "provenance": provenance,
         "runs": [_run_row(name, run) for name, run in runs.items()],

@@ -17,8 +17,9 @@ import optuna
 
 from snnrl.configuration.compose import compose
 from snnrl.schema import FOOD
-from snnrl.thesis.calibrate import FIRST_SEED, simulate
+from snnrl.thesis.calibrate import FIRST_SEED
 from snnrl.thesis.fit import FACTORS, PLANES
+from snnrl.thesis.measuring import simulate
 from snnrl.thesis.verdicts import p_greater
 
 NAMES = [name for plane in PLANES for name in plane]
