@@ -33,7 +33,7 @@ FREE: Mapping[str, Free | Choice] = {
     "coding.exploration_gain": Free(0.9, 2.2, 0.2),
     "coding.exploration_drawn": Choice(("each_ms", "each_tick")),
     "coding.gain_acts_on": Choice(("counts", "mean")),
-    "network.synaptic_gain": Free(0.9, 5.0, 0.4),
+    "network.synaptic_gain": Free(0.9, 9.0, 0.4),
     "network.dopamine.tau": Free(6.0, 40.0, 3.0),
     "network.groups.inhibitory.current": Choice((0.0, 4.5)),  # silent below 3.85
     "network.groups.dopaminergic.noise": Free(0.0, 0.29, 0.1),
