@@ -26,7 +26,7 @@ class Choice:
     values: tuple[Any, ...]
 
 
-OWN_MEAN = "+network.homeostasis.per_set.container_dopamine.count_absent"  # None: as that of the other sets
+OWN_MEAN = "network.homeostasis.per_set.container_dopamine.count_absent"  # None: as that of the other sets
 FREE: Mapping[str, Free | Choice] = {
     "coding.range_gain": Free(1.0, 3.5, 0.2),
     "coding.touch_gain": Free(2.0, 6.0, 0.5),

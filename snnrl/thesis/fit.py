@@ -49,7 +49,7 @@ def calibration() -> dict[str, Any] | None:
 
 
 def points() -> list[Point]:
-    """Those of the record of the fit; cells have a slash or a space in their names, or are the dose."""
+    """Those of the record of the fit; free values have a dot in their names, cells none."""
     if not POINTS.exists():
         return []
     with POINTS.open() as file:
@@ -84,11 +84,10 @@ def noise(found: Sequence[Point]) -> float:
 
 
 def within_noise(found: Sequence[Point]) -> list[Point]:
-    """Points of the search whose loss is not more than two `noise` above the least; the best alone if unknown."""
+    """Points of the search whose loss is not more than two `noise` above the least; none while that is not known."""
     searched = [point for point in found if point.of == "search"]
     least = min(point.loss for point in searched)
-    reach = noise(found)
-    return [point for point in searched if point.loss <= least + (0.0 if np.isnan(reach) else 2 * reach)]
+    return [point for point in searched if point.loss <= least + 2 * noise(found)]
 
 
 def pins(found: Sequence[Point]) -> list[dict[str, str]]:
@@ -108,8 +107,8 @@ def pins(found: Sequence[Point]) -> list[dict[str, str]]:
                 f"{value} {min(losses):.2f} of {len(losses)}" for value, losses in sorted(by_choice.items())
             )
         else:
-            spread = f"{min(values):.3g} to {max(values):.3g}"
-        result.append({"key": key.lstrip("+"), "near": spread, "least": least})
+            spread = f"{min(values):.3g} to {max(values):.3g}" if values else ""
+        result.append({"key": key, "near": spread, "least": least})
     return result
 
 
@@ -200,7 +199,7 @@ def _unit() -> str:
 
 def short_name(key: str) -> str:
     """Of a free value, for an axis."""
-    return " ".join(key.lstrip("+").split(".")[-2:]).replace("_", " ")
+    return " ".join(key.split(".")[-2:]).replace("_", " ")
 
 
 def pinned(_: Mapping[str, Run]) -> Figure | None:
@@ -220,12 +219,14 @@ def pinned(_: Mapping[str, Run]) -> Figure | None:
             (searched, "#BBBBBB", "a point that every cell has judged", 4),
             (near, "#0072B2", "within noise of the best", 6),
         ):
+            if not shown:
+                continue
             x = [point.values[key] if numeric else named.index(str(point.values[key])) for point in shown]
             axis.plot(x, [point.loss for point in shown], ".", color=colour, ms=size, label=label)
         if not numeric:
             axis.set_xticks(range(len(named)), named, fontsize=7)
             axis.set_xlim(-0.5, len(named) - 0.5)
-        axis.set_xlabel(short_name(key), fontsize=8)
+        axis.set_xlabel(short_name(key), fontsize=7)
     for axis in axes.flat[len(keys) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
@@ -239,7 +240,7 @@ FRONTS = (  # cells that pull against each other
         "Food attraction",
         ("food_attraction/learning/",),
         "Container behaviours",
-        ("container_dopamine/", "dual_learning/"),
+        ("container_dopamine", "dual_learning/"),
     ),
     (
         "Dose",
@@ -279,7 +280,7 @@ def fronts(_: Mapping[str, Run]) -> Figure | None:
         best = [pairs[k] for k in front(pairs)]
         axis.step(*zip(*best, strict=True), where="post", color="#D55E00", lw=1.2, label="none is better in both")
         axis.set(xlabel=f"{across}: RMS distance", ylabel=f"{up}: RMS distance", xlim=(0, None), ylim=(0, None))
-    axes[0].legend(loc="upper right")
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left")
     drawn.colorbar(shown, ax=axes, label="exploration gain")
     return drawn
 

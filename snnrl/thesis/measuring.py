@@ -18,7 +18,7 @@ from snnrl.recording.criteria import correct
 from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD, Config
 from snnrl.simulation import Simulation
-from snnrl.thesis.box import FREE, has, options_of
+from snnrl.thesis.box import FREE, OWN_MEAN, has, options_of
 from snnrl.thesis.claims import escape_rule, pathways, settled, smooth
 from snnrl.thesis.compare import contrast
 from snnrl.thesis.loss import (
@@ -42,7 +42,10 @@ def prepare(
     described = compose(f"+experiment={experiment}")
     known = {key: value for key, value in options_of(values).items() if key not in FREE or has(described, key)}
     options = {"trials": trials, "seed": seed, "robot": robot, **known}
-    config = compose(f"+experiment={experiment}", *(f"{key}={value}" for key, value in options.items()))
+    config = compose(
+        f"+experiment={experiment}",
+        *(f"++{key}={value}" if key == OWN_MEAN else f"{key}={value}" for key, value in options.items()),
+    )
     return build(config), config, make_engine("auto", config.device)
 
 
