@@ -108,7 +108,8 @@ def pins(found: Sequence[Point]) -> list[dict[str, str]]:
             )
         else:
             spread = f"{min(values):.3g} to {max(values):.3g}" if values else ""
-        result.append({"key": key, "near": spread, "least": least})
+        if spread or least:
+            result.append({"key": key, "near": spread, "least": least})
     return result
 
 
