@@ -239,6 +239,10 @@ def dual(sign: int) -> Run:
     return run
 
 
+def learners(*signs: int) -> dict[str, Run]:
+    return {name: dual(sign) for name, sign in zip(claims.CONTAINER_LEARNERS, signs, strict=True)}
+
+
 def searched(there: float, elsewhere: float) -> dict[str, Run]:
     """Food at the published point and at another one of the grid."""
     best = {"potentiation": 0.1, "depression": 0.15}
@@ -311,8 +315,10 @@ def differentiated(exclusive: bool) -> Run:
         ("robots_are_in_order", fed(1, 2, 4, 3, 9), -1, False),
         ("optimum_is_among_the_best", searched(100, 90), 0, True),
         ("optimum_is_among_the_best", searched(90, 100), 10, False),
-        ("failures_are_synchronised", {"dual_learning/learning": dual(1)}, 2, True),
-        ("failures_are_synchronised", {"dual_learning/learning": dual(-1)}, -2, False),
+        ("dual_failures_are_synchronised", {"dual_learning/learning": dual(1)}, 2, True),
+        ("dual_failures_are_synchronised", {"dual_learning/learning": dual(-1)}, -2, False),
+        ("failures_are_synchronised", learners(1, 1, 1), 2, True),
+        ("failures_are_synchronised", learners(1, -1, -1), -0.67, False),  # all trials of the three robots together
         ("motor_neurons_differentiate", {"food_attraction/learning": differentiated(True)}, 0.85, True),
         ("motor_neurons_differentiate", {"food_attraction/learning": differentiated(False)}, 0, False),
     ],

@@ -12,11 +12,13 @@ import torch
 
 from snnrl.recording.runs import Run
 from snnrl.thesis import fit, reproduce
+from snnrl.thesis.compare import MOST, Cell, compare, enough
 from snnrl.thesis.dampening import dampened
 from snnrl.thesis.gallery import DRAWINGS
 from snnrl.thesis.loss import UNIT
 from snnrl.thesis.published import published
 from snnrl.thesis.report import Provenance, write_report
+from snnrl.thesis.verdicts import Sample, Share, compare_means, compare_shares
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +48,7 @@ def test_every_published_cell_is_in_the_report(made: Path) -> None:
     food = next(cell for cell in content["cells"] if cell["quantity"] == "food" and cell["robot"] == "benchmark")
     assert food["difference"] == pytest.approx(food["ours"]["mean"] - food["published"]["mean"])
     assert content["provenance"]["quick"] is True
-    assert len(content["claims"]) == 10
+    assert len(content["claims"]) == 11
 
 
 def test_a_quick_reproduction_gives_no_verdicts(made: Path) -> None:
@@ -63,7 +65,7 @@ def test_a_full_one_judges_every_cell_and_claim(made: Path, tmp_path: Path) -> N
     quick = json.loads((report(made) / "report.json").read_text())
     runs = {name: Run(made / path) for name, path in quick["runs"].items() if name.startswith("orbit/")}
     provenance = {key: value for key, value in quick["provenance"].items() if key != "wall_s"}
-    write_report(tmp_path / "full", runs, Provenance(**{**provenance, "quick": False}), 0.0)
+    write_report(tmp_path / "full", runs, {}, Provenance(**{**provenance, "quick": False}), 0.0)
     content = json.loads((tmp_path / "full" / "report.json").read_text())
     verdicts = [cell["verdict"] for cell in content["cells"]]
     assert len(verdicts) == 4
@@ -75,6 +77,47 @@ def test_a_full_one_judges_every_cell_and_claim(made: Path, tmp_path: Path) -> N
         assert text.count("not with the published n") >= 3
     rows = [line for line in (tmp_path / "full" / "report.md").read_text().splitlines() if line.startswith("| orbit |")]
     assert [row.split(" | ")[-1] for row in rows] == [f"{verdict} |" for verdict in verdicts]
+
+
+def benchmark_like(folder: Path, trials: int) -> Run:
+    """A run of secondary_behaviour's benchmark, with the published mean and a wide spread."""
+    food = 808.4 + 200.0 * np.where(np.arange(trials) % 2, 1.0, -1.0)
+    run = Run(folder)
+    run.__dict__.update(
+        summary={"trials": trials, "seconds": 1.0, "seed": 0, "engine": "fused", "wall_s": 1.0},
+        trials={"food": food, "correct": np.ones(trials)},
+    )
+    return run
+
+
+def test_cells_that_need_more_trials_get_them_beside_the_published_size(made: Path, tmp_path: Path) -> None:
+    few, name = benchmark_like(tmp_path, 10), "secondary_behaviour/benchmark"
+    (needed,) = enough(compare({name: few})).values()
+    cells = {cell.quantity: cell for cell in compare({name: few})}
+    assert cells["food"].verdict == "inconclusive"
+    assert needed == max(cell.difference.trials_needed for cell in cells.values() if cell.verdict == "inconclusive")
+    quick = json.loads((report(made) / "report.json").read_text())
+    provenance = {key: value for key, value in quick["provenance"].items() if key != "wall_s"}
+    more = {name: benchmark_like(tmp_path, needed + 2)}
+    write_report(tmp_path / "more", {name: few}, more, Provenance(**{**provenance, "quick": False}), 0.0)
+    content = json.loads((tmp_path / "more" / "report.json").read_text())
+    assert [cell["ours"]["n"] for cell in content["cells"] if cell["quantity"] == "food"] == [10]
+    again = {cell["quantity"]: cell for cell in content["cells_with_enough_trials"]}
+    assert again["food"]["ours"]["n"] == needed + 2
+    assert again["food"]["verdict"] == "equivalent"
+    text = (tmp_path / "more" / "report.md").read_text()
+    assert "1 equivalent" not in text  # the tally is of the published size
+    assert f"| {needed + 2} |" in text
+
+
+def test_no_run_is_longer_for_a_cell_that_no_number_of_trials_would_decide() -> None:
+    undecided = Share(41, 50)
+    cell = Cell("a", "b", "learnt", "of trials", undecided, undecided, compare_shares(undecided, undecided))
+    assert (cell.verdict, enough([cell])) == ("inconclusive", {})
+    ours = Sample(100.0, 1000.0, 50)
+    wide = Cell("a", "b", "food", "items", Sample(100.0, 5.0, 50), ours, compare_means(ours, Sample(100.0, 5.0, 50)))
+    assert wide.difference.trials_needed > MOST
+    assert enough([wide]) == {"a/b": MOST}
 
 
 def test_the_page_is_one_file_with_every_figure(made: Path) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -26,6 +26,7 @@ FIVE_ROBOTS = (
     "fixed_container_dopamine",
     "benchmark",
 )
+CONTAINER_LEARNERS = tuple(f"secondary_behaviour/{robot}" for robot in FIVE_ROBOTS[1:4])
 
 
 @dataclass(frozen=True)
@@ -263,19 +264,32 @@ def robots_are_in_order(runs: Runs) -> Claim:
 
 
 def failures_are_synchronised(runs: Runs) -> Claim:
-    run = runs["dual_learning/learning"]
-    attraction, avoidance = (taxis(run, "weight", "container", response) for response in ("attraction", "avoidance"))
-    late = slice(len(run.time) // 2, None)
-    together = np.array([_correlation(a, b) for a, b in zip(attraction[late].T, avoidance[late].T, strict=True)])
-    failed = run.trials["correct"] == 0
+    return _synchronised("4.5", [runs[name] for name in CONTAINER_LEARNERS])
+
+
+def dual_failures_are_synchronised(runs: Runs) -> Claim:
+    return _synchronised("4.6", [runs["dual_learning/learning"]])
+
+
+def _synchronised(section: str, found: Sequence[Run]) -> Claim:
+    """That trials which fail are those in which the container taxis's two responses rise and fall together."""
+    together = np.concatenate([_togetherness(run) for run in found])
+    failed = np.concatenate([run.trials["correct"] == 0 for run in found])
     wrong, right = (together[group & np.isfinite(together)] for group in (failed, ~failed))
     return above_zero(
-        "4.5",
+        section,
         "Trials fail when the weights of attraction and avoidance have become synchronised.",
         f"their correlation over the second half of a trial, failed ({len(wrong)} trials) less correct ({len(right)})",
         lead(wrong, right) if min(len(wrong), len(right)) > 1 else (np.nan, -np.inf, np.inf),
         "",
     )
+
+
+def _togetherness(run: Run) -> np.ndarray:
+    """Correlation of attraction and avoidance over the second half of each trial, [B]; nan where one is constant."""
+    late = slice(len(run.time) // 2, None)
+    attraction, avoidance = (taxis(run, "weight", "container", side)[late] for side in ("attraction", "avoidance"))
+    return np.array([_correlation(a, b) for a, b in zip(attraction.T, avoidance.T, strict=True)])
 
 
 def optimum_is_among_the_best(runs: Runs) -> Claim:
@@ -308,7 +322,8 @@ CLAIMS: Mapping[Callable[[Runs], Claim], tuple[str, ...]] = {
     threshold_protects: ("secondary_stimulus/learning", "secondary_stimulus/no_burst_threshold"),
     robots_are_in_order: tuple(f"secondary_behaviour/{robot}" for robot in FIVE_ROBOTS),
     optimum_is_among_the_best: ("stdp_search",),
-    failures_are_synchronised: ("dual_learning/learning",),
+    failures_are_synchronised: CONTAINER_LEARNERS,
+    dual_failures_are_synchronised: ("dual_learning/learning",),
 }
 
 

@@ -16,6 +16,7 @@ from snnrl.thesis.published import published
 from snnrl.thesis.verdicts import Difference, Sample, Share, compare_means, compare_shares
 
 Value = Sample | Share
+MOST = 1000  # trials that are run for the sake of a verdict
 
 
 @dataclass(frozen=True)
@@ -29,6 +30,10 @@ class Cell:
     published: Value
     ours: Value
     difference: Difference
+
+    @property
+    def name(self) -> tuple[str, str, str]:
+        return self.experiment, self.robot, self.quantity
 
     @property
     def verdict(self) -> str:
@@ -51,6 +56,17 @@ class Cell:
             "effect_size": finite(d.effect),
             **(judgement if judged else {}),
         }
+
+
+def enough(cells: Sequence[Cell]) -> dict[str, int]:
+    """Trials of the runs with a cell that is inconclusive for want of ours, by EXPERIMENT/ROBOT; MOST at most."""
+    sizes: dict[str, int] = {}
+    for cell in cells:
+        needed = cell.difference.trials_needed
+        if cell.verdict == "inconclusive" and cell.ours.n < needed < np.inf:
+            name = f"{cell.experiment}/{cell.robot}"
+            sizes[name] = max(sizes.get(name, 0), min(MOST, int(needed)))
+    return sizes
 
 
 def tally(cells: Sequence[Cell]) -> str:

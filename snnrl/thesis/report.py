@@ -21,7 +21,7 @@ from snnrl.drawing import style
 from snnrl.files import finite, write, write_json
 from snnrl.recording.runs import Run
 from snnrl.thesis.claims import Claim, claims, escapes, first_food
-from snnrl.thesis.compare import Cell, compare, tally
+from snnrl.thesis.compare import Cell, compare, enough, tally
 from snnrl.thesis.fit import calibration, pins, points, within_noise
 from snnrl.thesis.gallery import drawings
 from snnrl.thesis.loss import UNIT
@@ -86,6 +86,7 @@ def row(cell: Cell) -> dict[str, str]:
         "quantity": cell.quantity,
         "published": shown(cell.published, cell.unit),
         "ours": shown(cell.ours, cell.unit),
+        "trials": value(cell.ours.n),
         "difference": f"{value(scale * d.value)}{unit}{relative}",
         "interval": f"{value(scale * d.low)} to {value(scale * d.high)}",
         "effect": value(d.effect, 2),
@@ -113,13 +114,22 @@ def compressed(drawn: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, started: float) -> None:
-    """Write report.html, report.md, report.json and figures/ to `folder`."""
+def write_report(
+    folder: Path, runs: Mapping[str, Run], more: Mapping[str, Run], provenance: Provenance, started: float
+) -> None:
+    """Write report.html, report.md, report.json and figures/ to `folder`.
+
+    Args:
+        runs: at the published sizes.
+        more: those of them whose verdicts need more trials, with as many; the cells that do are judged anew.
+    """
     cells, tested, fit, judged_points = compare(runs), claims(runs), calibration(), points()
-    judged = not provenance.quick
+    judged, at_size = not provenance.quick, {cell.name: cell for cell in cells}
+    again = [cell for cell in compare(more) if enough([at_size[cell.name]])]
     (folder / "figures").mkdir(parents=True)
     context: dict[str, Any] = {
         "rows": [row(cell) for cell in cells],
+        "again": [row(cell) for cell in again],
         "judged": judged,
         "tally": tally(cells),
         "rule": RULE,
@@ -134,7 +144,7 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         "pins": pins(judged_points) if judged_points else [],
         "unit": UNIT,
         "provenance": provenance,
-        "runs": [_run_row(name, run) for name, run in runs.items()],
+        "runs": [_run_row(name, run) for name, run in (*runs.items(), *more.items())],
         "wall_s": time.perf_counter() - started,
     }
     templates = jinja2.Environment(
@@ -147,6 +157,7 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
         {
             "rule": RULE,
             "cells": [cell.to_json(judged) for cell in cells],
+            "cells_with_enough_trials": [cell.to_json(judged) for cell in again],
             "claims": [_claim_json(claim, judged) for claim in tested],
             "calibration": fit,
             "provenance": asdict(provenance) | {"wall_s": context["wall_s"]},
@@ -155,7 +166,7 @@ def write_report(folder: Path, runs: dict[str, Run], provenance: Provenance, sta
     )
 
 
-def _pictures(folder: Path, runs: dict[str, Run]) -> dict[str, list[dict[str, str]]]:
+def _pictures(folder: Path, runs: Mapping[str, Run]) -> dict[str, list[dict[str, str]]]:
     """Write every figure to `folder`; what the templates need of them, by section."""
     pictures: dict[str, list[dict[str, str]]] = {}
     with mpl.rc_context(style.STYLE):

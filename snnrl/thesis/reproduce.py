@@ -18,7 +18,7 @@ import platform
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -31,6 +31,7 @@ from snnrl.running.job import perform, read_summary
 from snnrl.schema import Config
 from snnrl.thesis import dampening
 from snnrl.thesis.claims import FIVE_ROBOTS
+from snnrl.thesis.compare import compare, enough
 from snnrl.thesis.fit import FACTORS, grid_points, point_name
 from snnrl.thesis.report import Provenance, write_report
 
@@ -64,10 +65,14 @@ def plan(seed: int, quick: bool, only: str | None = None) -> list[Planned]:
         sizes = _quick_sizes(experiment) if quick else ()
         for robot in robots:
             name = f"{experiment}/{robot}"
-            result.append(Planned(name, experiment, (f"robot={robot}", f"seed={seed}", *sizes)))
+            result.append(Planned(name, experiment, (*_chosen(name, seed), *sizes)))
     closeups = (run for run in _closeups(seed, QUICK if quick else 1.0) if only in (None, run.experiment))
     searched = _grid(seed, quick) if only in (None, "stdp_search") else []
     return [*result, *closeups, *searched]
+
+
+def _chosen(name: str, seed: int) -> tuple[str, ...]:
+    return f"robot={name.partition('/')[2]}", f"seed={seed}"
 
 
 def _closeups(seed: int, part: float) -> list[Planned]:
@@ -143,6 +148,14 @@ def obtain(planned: Planned, say: Any = print) -> tuple[Run, bool]:
     return Run(folder), found
 
 
+def obtain_enough(runs: Mapping[str, Run], seed: int) -> dict[str, Run]:
+    """The runs that have too few trials for a verdict, once more with as many as it needs."""
+    return {
+        name: obtain(Planned(name, name.partition("/")[0], (*_chosen(name, seed), f"trials={trials}")))[0]
+        for name, trials in enough(compare(runs)).items()
+    }
+
+
 def machine() -> str:
     """Processor and how many of them this process may use."""
     model = platform.processor() or platform.machine()
@@ -162,6 +175,8 @@ def reproduce(seed: int, quick: bool, only: str | None = None) -> Path:
     for planned in plan(seed, quick, only):
         runs[planned.name], reused = obtain(planned)
         found += reused
+    more = {} if quick else obtain_enough(runs, seed)
+    all_runs = [*runs.values(), *more.values()]
     folder = Path("runs/thesis") / time.strftime("%Y-%m-%d_%H-%M-%S")
     provenance = Provenance(
         seed=seed,
@@ -170,11 +185,11 @@ def reproduce(seed: int, quick: bool, only: str | None = None) -> Path:
         python=platform.python_version(),
         machine=machine(),
         quick=quick,
-        simulated_s=sum(run.summary["trials"] * run.summary["seconds"] for run in runs.values()),
-        running_s=sum(run.summary["wall_s"] for run in runs.values()),
+        simulated_s=sum(run.summary["trials"] * run.summary["seconds"] for run in all_runs),
+        running_s=sum(run.summary["wall_s"] for run in all_runs),
         found=found,
     )
-    write_report(folder, runs, provenance, started)
+    write_report(folder, runs, more, provenance, started)
     return folder
 
 
