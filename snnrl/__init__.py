@@ -11,12 +11,14 @@ from snnrl.model.draws import Draws
 from snnrl.model.network import Network
 from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Projection
+from snnrl.recording.monitors import Monitor, record, run_network, run_simulation
 from snnrl.simulation import Simulation
 
 __version__ = version("snnrl")
 
 __all__ = [
     "Draws",
+    "Monitor",
     "Network",
     "NeuronGroup",
     "Projection",
@@ -27,5 +29,8 @@ __all__ = [
     "build",
     "build_network",
     "make_engine",
+    "record",
+    "run_network",
+    "run_simulation",
     "schema",
 ]

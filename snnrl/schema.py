@@ -38,6 +38,11 @@ def number(
     return field(default=default, metadata={"least": least, "most": most, "above": above, "choices": choices})
 
 
+def places() -> Any:
+    """A field that is a list of whole numbers, or null unless given."""
+    return field(default=None, metadata={"of": int})
+
+
 def table() -> Any:
     """A field that is a dictionary, empty unless given."""
     return field(default_factory=dict)
@@ -360,11 +365,25 @@ class AlarmsConfig:
 
 
 @dataclass
+class MonitorConfig:
+    """See `snnrl.recording.monitors.Monitor`; `every` in ms, null is all of them."""
+
+    of: str = MISSING
+    quantities: list[str] = MISSING
+    neurons: list[int] | None = places()
+    pre: list[int] | None = places()
+    post: list[int] | None = places()
+    trials: list[int] | None = places()
+    every: int = number(1, least=1, most=2**31)
+
+
+@dataclass
 class RecordConfig:
     """What is kept of a run, all in simulated s: `every` so many from `start` on the series are sampled.
 
     `tensorboard` says whether events are written, `histograms` and `pictures` how often those of the weights
-    and of the first trial are; 0 is never. `alarms` are checked at every sample.
+    and of the first trial are; 0 is never. `alarms` are checked at every sample. `monitors` keep single neurons,
+    synapses and modulators besides.
     """
 
     every: float = number(above=0.0)
@@ -373,6 +392,7 @@ class RecordConfig:
     histograms: float = number(0.0, least=0.0)
     pictures: float = number(0.0, least=0.0)
     alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
+    monitors: dict[str, MonitorConfig] = table()
 
 
 @dataclass
@@ -519,8 +539,8 @@ def _check(name: str, value: Any, bounds: Any) -> None:
         raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
     if isinstance(value, dict):
         raise ConfigError(name, value, "must be a single value")
-    if isinstance(value, list) and not all(isinstance(part, str) for part in value):
-        raise ConfigError(name, value, "must be a list of names")
+    if isinstance(value, list) and not all(isinstance(part, bounds.get("of", str)) for part in value):
+        raise ConfigError(name, value, f"must be a list of {'whole numbers' if 'of' in bounds else 'names'}")
     if value is None or isinstance(value, (str, list)):
         return
     limits = [

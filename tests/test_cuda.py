@@ -28,8 +28,10 @@ from torch import Tensor
 from snnrl import engines
 from snnrl.configuration.builder import build
 from snnrl.engines import make_engine
+from snnrl.engines.watched import WatchedEngine
 from snnrl.model.network import Network
 from snnrl.model.plasticity import Plasticity
+from snnrl.recording.monitors import record
 from snnrl.schema import ConfigError
 from snnrl.simulation import Simulation
 
@@ -183,6 +185,20 @@ def without_modulators() -> None:
     assert_same(second, first)
 
 
+def watched() -> None:
+    """What a monitor sees, in the middle of a tick and with spikes; it changes nothing."""
+    runs = [simulation(*FOOD_ONLY, "dtype=float64") for _ in range(3)]
+    chosen = {"neurons": [3, 7], "trials": [1], "every": 30}
+    first, second = (record(run.network, "left_food", ["v", "spikes"], **chosen) for run in runs[:2])
+    runs[0].run(WatchedEngine(make_engine("reference", "cpu"), [first]), 1)
+    runs[1].run(WatchedEngine(make_engine("cuda", "cpu"), [second]), 1)
+    runs[2].run(make_engine("cuda", "cpu"), 1)
+    assert first.time.tolist() == second.time.tolist() == [30, 60]
+    np.testing.assert_array_equal(first["v"], second["v"])
+    np.testing.assert_array_equal(first["spikes"], second["spikes"])
+    assert_same(runs[1], runs[2])
+
+
 def bent(weight: Tensor, change: Tensor) -> Tensor:
     return weight + torch.erf(change)
 
@@ -211,7 +227,7 @@ def network_with_a_rule(rule: Callable[..., Tensor]) -> tuple[Network, Tensor]:
 CASES = (
     *(food_only, food_only_in_float32, poison, food_container, free_readings),
     *(delays_and_loops, soft, approaching, depresses),
-    *(turns, without_modulators, refusals),
+    *(turns, without_modulators, watched, refusals),
 )
 
 

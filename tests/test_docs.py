@@ -49,12 +49,13 @@ def test_code_blocks_work(path: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.syspath_prepend(tmp_path)
     mpl.use("Agg")
     programs = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    names = {"__name__": "__main__"}
     for kind, mark, text in blocks(path):
         if kind == "yaml" or (kind == "python" and mark):
             Path(mark).parent.mkdir(parents=True, exist_ok=True)
             Path(mark).write_text(text)
         elif kind == "python":
-            exec(compile(text, name(path), "exec"), {"__name__": "__main__"})
+            exec(compile(text, name(path), "exec"), names)
         else:
             assert kind == "sh"
             assert mark.split()[0] == "run", mark

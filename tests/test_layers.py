@@ -27,7 +27,7 @@ MAY_IMPORT = {
     "simulation": "model engines",
     "configuration": "errors schema model body tasks simulation",
     "drawing": "schema intervals model body tasks",
-    "recording": "schema files model body tasks simulation drawing",
+    "recording": "errors schema files model body tasks engines simulation drawing",
     "running": "errors schema files intervals engines simulation configuration recording",
     "agents": "errors schema files intervals model body engines configuration drawing running",
     "replay": "errors schema files model engines simulation configuration drawing recording running",

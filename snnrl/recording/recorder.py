@@ -16,6 +16,7 @@ from snnrl.recording.alarms import POINTS, Alarms
 from snnrl.recording.board import ALARMS, Board
 from snnrl.recording.film import PATH, Film
 from snnrl.recording.kept import Kept
+from snnrl.recording.monitors import Monitor
 from snnrl.recording.probes import Moment, Probe, counts, followed
 from snnrl.schema import RecordConfig
 from snnrl.simulation import Simulation
@@ -31,6 +32,7 @@ class Recorder:
         folder: of the run.
         choices: the run's row in TensorBoard's table of hyperparameters.
         state: what `state_dict` gave of the recorder of the run's part so far; see also `board.keep_events`.
+        monitors: see that they see the simulation run; what they have seen is kept with the rest.
 
     Attributes:
         film: what the next picture will show.
@@ -44,8 +46,9 @@ class Recorder:
         folder: Path,
         choices: Mapping[str, str | float] | None = None,
         state: Mapping[str, Any] | None = None,
+        monitors: Sequence[Monitor] = (),
     ) -> None:
-        self.simulation, self.kept, self.folder = simulation, kept, folder
+        self.simulation, self.kept, self.folder, self.monitors = simulation, kept, folder, monitors
         self.followed = followed(simulation) if kept.watched else []
         part: Mapping[str, Any] = state or {}
         self._samples = {key: list(values.numpy()) for key, values in part.get("samples", {}).items()}
@@ -54,6 +57,8 @@ class Recorder:
         roles = [projection.role for projection in self.followed]
         self.alarms = Alarms(config.alarms, simulation, roles, part.get("alarms")) if kept.watched else None
         self.film = Film(simulation.network, simulation.tick, part.get("film"))
+        for monitor in monitors if state else ():
+            monitor.load_state_dict(part["monitors"][monitor.name])
         metrics = [probe.tag for probe in kept.probes if probe.outcome]
         self.board = Board(folder, self.followed, metrics) if config.tensorboard else None
         if state is None:
@@ -69,6 +74,7 @@ class Recorder:
             "before": self._before,
             "alarms": None if self.alarms is None else self.alarms.state_dict(),
             "film": self.film.state_dict(),
+            "monitors": {monitor.name: monitor.state_dict() for monitor in self.monitors},
             "events": self.board.flush() if self.board else 0,
         }
 
@@ -146,13 +152,14 @@ class Recorder:
                 self.board.picture(f"trial {trial}/{tag}", drawn, self._step)
 
     def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
-        """Write series.npz, weights.npz and trials.csv, and close the events; returns the results, and the alarms.
+        """Write the files of a complete run but its summary, and close the events; returns the results, and the alarms.
 
         series.npz holds for each of the `probes` NAME what it read, [T, ...] (see `snnrl.recording.probes`; without
         the first sample where that is before the first tick and it reads what is between two), the names of the
         `groups` [G] and the numbers of the `trials` [B], and what `Kept.end` adds.
         weights.npz holds for each of the robot's `projections` NAME its weights at the end, [B, n_pre, n_post] (mV),
         nan where there is no synapse.
+        monitors.npz, where there are monitors, holds as NAME/KEY what each has seen; see `Monitor.arrays`.
         """
         series = {key: np.stack(values) for key, values in self._samples.items()}
         ending, trials = self.kept.end(series), self.simulation.network.draws.trials.cpu().numpy()
@@ -160,6 +167,9 @@ class Recorder:
         write(self.folder / "series.npz", npz_of({**series, **ending.arrays, **names}))
         if self.kept.watched:
             write(self.folder / "weights.npz", npz_of({p.name: _dense(p) for p in self.followed}))
+        seen = {f"{m.name}/{key}": values for m in self.monitors for key, values in m.arrays().items()}
+        if seen:
+            write(self.folder / "monitors.npz", npz_of(seen))
         for name, content in ending.pictures.items():
             write(self.folder / name, content)
         columns = {"trial": trials, **ending.columns}

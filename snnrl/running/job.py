@@ -17,12 +17,15 @@ from typing import Any
 
 import torch
 
+from snnrl.configuration import footprint
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import dump, load
 from snnrl.engines import Engine, make_engine
+from snnrl.engines.watched import WatchedEngine
 from snnrl.files import FolderError, finite, owned, write, write_json
 from snnrl.recording.board import choices, keep_events
 from snnrl.recording.kept import kept_of
+from snnrl.recording.monitors import Monitor, monitors_of
 from snnrl.recording.recorder import Recorder
 from snnrl.running import checkpoint
 from snnrl.running.checkpoint import Checkpoint, difference, settings
@@ -50,6 +53,7 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
         OSError: something could not be written; what was saved before is as it was.
     """
     simulation = build(config)
+    monitors = _monitors(config, simulation)
     engine = _engine(config, threads)
     with owned(folder), Signals() as signals:
         if _is_complete(folder, config):
@@ -57,7 +61,7 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
         saved = checkpoint.load(folder, config, simulation)
         _begin(folder, config, overrides, saved)
         try:
-            for _ in simulate(config, simulation, engine, folder, saved, signals):
+            for _ in simulate(config, simulation, engine, folder, saved, signals, monitors):
                 pass
         except (Exception, KeyboardInterrupt) as error:
             with suppress(OSError):
@@ -66,6 +70,13 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
     if signals.received:
         raise Interrupted(signals.received, f"{folder}: complete when {signals.received.name} came")
     return read_summary(folder)
+
+
+def _monitors(config: Config, simulation: Simulation[Any]) -> list[Monitor]:
+    """What the configuration wants to have watched; raises ConfigError for what is not there, or too much."""
+    monitors, ms = monitors_of(simulation.network, config.record.monitors), 1000 * config.seconds
+    footprint.check({f"record.monitors.{monitor.name}.every": monitor.size(ms) for monitor in monitors})
+    return monitors
 
 
 def _engine(config: Config, threads: int) -> Engine:
@@ -142,6 +153,7 @@ def simulate(
     folder: Path,
     saved: Checkpoint | None,
     signals: Signals,
+    monitors: Sequence[Monitor] = (),
 ) -> Iterator[float]:
     """Run a simulation from where it is to its end, and write its results to `folder`.
 
@@ -151,7 +163,8 @@ def simulate(
     overrides, kept = read_summary(folder)["overrides"], kept_of(simulation, config.experiment.correct)
     schedule = Schedule(config, simulation.tick, kept.watched)
     named = choices(overrides, experiment=config.experiment.name, robot=config.robot.name, seed=config.seed)
-    recorder = Recorder(simulation, kept, config.record, folder, named, saved.recorder if saved else None)
+    recorder = Recorder(simulation, kept, config.record, folder, named, saved.recorder if saved else None, monitors)
+    engine = WatchedEngine(engine, monitors) if monitors else engine
     wall = saved.wall if saved else 0.0
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds, wall)
     with progress.preparing():
