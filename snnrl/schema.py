@@ -250,7 +250,8 @@ class KindConfig:
     until what they hold is taken.
     avoids: where none of them lies at the start or lands when moved, as far as the world's `attempts` reach: on the
     robot, or (containers) where it would overlap something that is entered.
-    sign: 1, or -1 where what touching releases lowers a modulator (poison); poison_from: time (s) at which it turns.
+    sign: 1, or -1 where what touching releases lowers a modulator (poison); poison_from: time (s) at which it turns;
+    turns_every: s from one turn to the next; the first, unless poison_from says when, is so long after the start.
     """
 
     count: int = number(0, least=0, most=100_000)
@@ -264,6 +265,7 @@ class KindConfig:
     avoids: list[str] = field(default_factory=list)
     sign: int = number(1, least=-1, most=1)
     poison_from: float | None = number(None, least=0.0, most=1e9)
+    turns_every: float | None = number(None, least=0.001, most=1e9)
 
 
 @dataclass
@@ -462,6 +464,15 @@ class SarsaLambdaConfig(QLearningConfig):
 
 
 @dataclass
+class ReinforceConfig:
+    """See `snnrl.agents.agents.Reinforce`."""
+
+    bins: int = number(least=1, most=100)
+    rate: float = number(above=0.0)
+    discount: float = number(least=0.0, most=1.0)
+
+
+@dataclass
 class BaselinesConfig:
     """A comparison of agents: each task is what one would give to `snnrl.run`.
 
@@ -473,6 +484,7 @@ class BaselinesConfig:
     braitenberg: BraitenbergConfig = field(default_factory=BraitenbergConfig)
     q_learning: QLearningConfig = field(default_factory=QLearningConfig)
     sarsa_lambda: SarsaLambdaConfig = field(default_factory=SarsaLambdaConfig)
+    reinforce: ReinforceConfig = field(default_factory=ReinforceConfig)
     trials: int | None = number(None, least=1, most=10_000_000)
     seconds: float | None = number(None, above=0.0, most=1e9)
     seed: int = number(0, least=0, most=2**63 - 1)

@@ -17,7 +17,7 @@ from helpers import compose_config, make_simulation
 from hydra import initialize_config_dir
 from torch import Tensor
 
-from snnrl.agents.agents import Braitenberg, QLearning, RandomWalk, SarsaLambda, epsilon_greedy, states_of
+from snnrl.agents.agents import Braitenberg, QLearning, RandomWalk, Reinforce, SarsaLambda, epsilon_greedy, states_of
 from snnrl.agents.baselines import Result, agent_robot, collect, markdown_of, marks_of, table_of, tasks_of
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
 from snnrl.configuration.compose import conf_dir
@@ -29,6 +29,7 @@ from snnrl.schema import (
     Config,
     ConfigError,
     QLearningConfig,
+    ReinforceConfig,
     SarsaLambdaConfig,
 )
 
@@ -37,6 +38,7 @@ OPTIONS = BaselinesConfig(
     braitenberg=BraitenbergConfig(0.1),
     q_learning=QLearningConfig(4, 0.3, 0.95, 0.1),
     sarsa_lambda=SarsaLambdaConfig(4, 0.3, 0.95, 0.1, 0.8),
+    reinforce=ReinforceConfig(4, 1.0, 0.95),
     samples=5,
 )
 
@@ -138,6 +140,26 @@ def test_epsilon_greedy_takes_the_best_and_shares_ties_and_strays_evenly() -> No
     assert shares(0.3) == pytest.approx([0.1, 0.45, 0.45], abs=4 * error)
 
 
+def test_reinforce_credits_choices_by_the_gradient_of_the_log_of_their_chances() -> None:
+    """Of a softmax: 1 - p for what was chosen, -p for the others; half of it is left a tick later."""
+    agent = Reinforce(draws(), 1, ReinforceConfig(bins=1, rate=2.0, discount=0.5))
+    agent.preferences[0, 1] = double(math.log(2.0), 0.0, 0.0)
+    chances = agent.preferences[0, 1].softmax(0)[None]
+    agent.credit(whole(1), whole(STRAIGHT), chances)
+    assert agent.traces[0, 1].tolist() == pytest.approx([-0.5, 0.75, -0.25])
+    agent.act(see((0, 0)), double(1.0), torch.tensor(0))
+    assert agent.preferences[0, 1].tolist() == pytest.approx([math.log(2.0) - 1.0, 1.5, -0.5])
+    assert agent.traces[0, 1].tolist() == pytest.approx([-0.25, 0.375, -0.125])
+
+
+def test_reinforce_chooses_by_its_chances() -> None:
+    agent = Reinforce(draws(4000), 1, ReinforceConfig(bins=1, rate=1.0, discount=0.9))
+    agent.preferences[:, 0] = double(math.log(1.0), math.log(2.0), math.log(5.0))
+    choice = agent.act(see((0, 0)).expand(4000, 1, 2), torch.zeros(4000).double(), torch.tensor(0))
+    shares = torch.bincount(choice, minlength=3) / 4000
+    assert shares.tolist() == pytest.approx([1 / 8, 2 / 8, 5 / 8], abs=0.03)
+
+
 def test_the_braitenberg_vehicle_turns_towards_what_it_senses() -> None:
     agent = Braitenberg(draws(4), BraitenbergConfig(0.0))
     ranges = torch.zeros(4, 2, 2, dtype=torch.float64)
@@ -146,7 +168,7 @@ def test_the_braitenberg_vehicle_turns_towards_what_it_senses() -> None:
     assert choice.tolist() == [LEFT, RIGHT, RIGHT, STRAIGHT]
 
 
-@pytest.mark.parametrize("name", ["braitenberg", "q_learning", "sarsa_lambda"])
+@pytest.mark.parametrize("name", ["braitenberg", "q_learning", "sarsa_lambda", "reinforce"])
 def test_a_trial_does_not_depend_on_its_batch(name: str) -> None:
     def touches(trials: int, start: int) -> Tensor:
         config = compose_config("+experiment=food_attraction", f"trials={trials}", f"trial_start={start}")
@@ -160,10 +182,11 @@ def test_a_trial_does_not_depend_on_its_batch(name: str) -> None:
 def test_learners_come_to_collect_more_than_a_random_walk() -> None:
     config = compose_config("+experiment=food_attraction", "trials=20", "seconds=84", "seed=11")
     late = {}
-    for name in ("random_walk", "q_learning", "sarsa_lambda"):
+    for name in ("random_walk", "q_learning", "sarsa_lambda", "reinforce"):
         late[name] = collect("food", name, config, OPTIONS).items[-1].mean()
     assert late["q_learning"] > 1.5 * late["random_walk"]
     assert late["sarsa_lambda"] > 1.5 * late["random_walk"]
+    assert late["reinforce"] > 1.5 * late["random_walk"]
 
 
 def test_a_random_walk_collects_what_the_spiking_random_walk_does() -> None:
@@ -194,6 +217,13 @@ def test_counting_covers_the_task_and_meets_the_turn_to_poison() -> None:
     assert marks_of(config_of("world.kinds.food.poison_from=3.6"), 4) == [25, 52, 75, 100]  # tick 52 is at 3.64 s
     assert marks_of(config_of("world.kinds.food.poison_from=9"), 1) == [100]
     assert marks_of(config_of(), 1000) == list(range(1, 101))
+
+
+def test_a_task_whose_food_turns_again_and_again_is_refused() -> None:
+    with initialize_config_dir(conf_dir(), version_base="1.3"):
+        options = replace(OPTIONS, tasks={"odd": ["+experiment=changing_world"]})
+        with pytest.raises(ConfigError, match=r"^tasks\.odd=\.\.\.: world\.kinds\.food\.turns_every must be null"):
+            tasks_of(options)
 
 
 def test_a_task_is_longer_than_its_food_is_food() -> None:
@@ -285,7 +315,7 @@ def test_the_command_leaves_a_table_and_a_plot(tmp_path: Path) -> None:
         ),
         ("tasks.own=3", "tasks.own=3: must be a list [...]"),
         ("robot=learning", "robot=learning: no such key; allowed here: tasks, agents, braitenberg"),
-        ("+tasks.own=[+experiment\\=odd]", "experiment=odd: must be one of classical_conditioning"),
+        ("+tasks.own=[+experiment\\=odd]", "experiment=odd: must be one of "),
     ],
 )
 def test_bad_input_gets_one_line_and_leaves_no_folder(tmp_path: Path, argument: str, message: str) -> None:

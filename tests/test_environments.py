@@ -183,7 +183,10 @@ def test_wheel_speeds_of_one_robot_are_those_of_all() -> None:
 
 @pytest.mark.parametrize(
     ("experiment", "robot", "overrides"),
-    [("food_attraction", "learning", ["world.kinds.food.poison_from=21"]), ("dual_learning", "benchmark", [])],
+    [
+        ("food_attraction", "learning", ["world.kinds.food.poison_from=21", "world.kinds.food.turns_every=7"]),
+        ("dual_learning", "benchmark", []),
+    ],
 )
 def test_driven_like_the_spiking_robot_it_is_the_same_world(experiment: str, robot: str, overrides: list[str]) -> None:
     trials, ticks = 3, 600

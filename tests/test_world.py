@@ -461,6 +461,8 @@ def test_an_item_may_lie_wholly_inside_its_container(contains: str, largest: flo
             "world.kinds.food_container.avoids=[walls]",
             r"food_container\.avoids=walls: must be one of robot, containers",
         ),
+        ("world.kinds.food_container.turns_every=9", r"food_container\.turns_every=9\.0: needs touched=taken"),
+        ("world.kinds.food.turns_every=0", r"food\.turns_every=0\.0: must be at least 0\.001"),
         ("world.kinds.food.contains=whole", r"food\.contains=whole: needs holds"),
         ("world.kinds.food_container.radius=2.4", r"food_container\.radius=2\.4: must be greater than 2\.4, .* food"),
         ("world.overlap=both", r"world\.overlap=both: must be one of stays, nearest"),
@@ -578,6 +580,16 @@ def test_food_is_poison_from_its_time_on(poison_from: float | None, signs: list[
         assert world.value(torch.tensor(time)).tolist() == [sign, 1, 1]
         touch(world, "food", time)
         assert world.sign.tolist() == [sign]
+
+
+@pytest.mark.parametrize(
+    ("poison_from", "signs"),
+    [(None, [1, 1, -1, -1, 1, -1]), (0.5, [1, -1, -1, -1, 1, -1]), (0.0, [-1, -1, 1, 1, -1, 1])],
+)
+def test_food_turns_to_poison_and_back_as_often_as_is_said(poison_from: float | None, signs: list[int]) -> None:
+    world = make_world(food=KindConfig(1, 2.4, poison_from=poison_from, turns_every=1.0))
+    for time, sign in zip((0, 999, 1000, 1499, 2000, 3000), signs, strict=True):
+        assert world.value(torch.tensor(time)).tolist() == [sign, 1, 1], time
 
 
 def test_the_sign_is_that_of_what_was_touched_last() -> None:
@@ -745,7 +757,7 @@ def test_engines_agree_in_a_world_of_many_kinds(readings: tuple[str, ...]) -> No
         "world.kinds.food.poison_from=15",
         "world.kinds.food_container.count=3",
         "world.kinds.empty_container.count=2",
-        "+world.kinds.poison={count: 6, radius: 3.0, sign: -1}",
+        "+world.kinds.poison={count: 6, radius: 3.0, sign: -1, turns_every: 4.0}",
         "+world.kinds.key={count: 9, radius: 4.0, opens: [chest]}",
         "+world.kinds.chest={count: 3, radius: 12.0, touched: entered, holds: food, speed: 0.7}",
         "+world.kinds.bush={count: 2, radius: 9.0, touched: entered, holds: poison, hides: false}",

@@ -14,7 +14,7 @@ from torch.nn.functional import one_hot
 
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT
 from snnrl.model.draws import Draws, stream
-from snnrl.schema import BraitenbergConfig, QLearningConfig, SarsaLambdaConfig
+from snnrl.schema import BraitenbergConfig, QLearningConfig, ReinforceConfig, SarsaLambdaConfig
 
 CHOICES = 3
 
@@ -138,6 +138,43 @@ class SarsaLambda(_Table):
         self.traces *= self.discount * self.trace
         self.traces[at] = 1.0
         self.values += self.rate * error[:, None, None] * self.traces
+
+
+class Reinforce:
+    """REINFORCE with a softmax over a table of preferences, for a life without episodes (Baxter and Bartlett 2001).
+
+    Args:
+        draws: owner of all choices; its trials are the batch.
+        sensors: how many pairs of range sensors there are.
+        config: into how many bins each eye's values are cut, step size (rate), and discount per tick of the credit of
+            earlier choices.
+
+    Attributes:
+        preferences, traces: float64 [B, states, choices], zero at first.
+    """
+
+    def __init__(self, draws: Draws, sensors: int, config: ReinforceConfig) -> None:
+        self.draws, self.bins, self.rate, self.discount = draws, config.bins, config.rate, config.discount
+        trials = draws.trials
+        states = (2 * config.bins + 1) ** sensors
+        self.preferences = torch.zeros(len(trials), states, CHOICES, dtype=torch.float64, device=trials.device)
+        self.traces = torch.zeros_like(self.preferences)
+        self.rows = torch.arange(len(trials), device=trials.device)
+
+    def act(self, ranges: Tensor, reward: Tensor, time: Tensor) -> Tensor:
+        """See `Agent`; learns from what the choices so far have earned before it makes the next."""
+        self.preferences += self.rate * reward[:, None, None] * self.traces
+        state = states_of(ranges, self.bins)
+        chances = self.preferences[self.rows, state].softmax(1)
+        lot = self.draws.uniform(stream("choice"), time.view(1), 1)[0]
+        choice = (lot >= chances.cumsum(1)[:, :-1]).sum(1)
+        self.credit(state, choice, chances)
+        return choice
+
+    def credit(self, state: Tensor, choice: Tensor, chances: Tensor) -> None:
+        """Fade the traces, and add the gradient of the log of the chance of `choice` in `state`; all [B]."""
+        self.traces *= self.discount
+        self.traces[self.rows, state] += one_hot(choice, CHOICES) - chances
 
 
 def states_of(ranges: Tensor, bins: int) -> Tensor:

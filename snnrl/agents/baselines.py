@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from omegaconf import DictConfig, OmegaConf
 from torch import Tensor
 
-from snnrl.agents.agents import Agent, Braitenberg, QLearning, RandomWalk, SarsaLambda
+from snnrl.agents.agents import Agent, Braitenberg, QLearning, RandomWalk, Reinforce, SarsaLambda
 from snnrl.agents.foraging import Foraging
 from snnrl.body.world import World
 from snnrl.configuration.builder import build
@@ -45,6 +45,7 @@ AGENTS: Mapping[str, Callable[[Draws, int, BaselinesConfig], Agent]] = {
     "braitenberg": lambda draws, sensors, config: Braitenberg(draws, config.braitenberg),
     "q_learning": lambda draws, sensors, config: QLearning(draws, sensors, config.q_learning),
     "sarsa_lambda": lambda draws, sensors, config: SarsaLambda(draws, sensors, config.sarsa_lambda),
+    "reinforce": lambda draws, sensors, config: Reinforce(draws, sensors, config.reinforce),
 }
 COLOURS = {  # of Okabe and Ito, told apart by colour-blind readers
     SPIKING: "#000000",
@@ -52,6 +53,7 @@ COLOURS = {  # of Okabe and Ito, told apart by colour-blind readers
     "braitenberg": "#E69F00",
     "q_learning": "#0072B2",
     "sarsa_lambda": "#009E73",
+    "reinforce": "#CC79A7",
 }
 LATE = 0.2  # the last part of a task, in which what has been learnt shows
 
@@ -247,10 +249,14 @@ def tasks_of(options: BaselinesConfig) -> dict[str, Config]:
 
 
 def _check_turn(task: str, config: Config) -> None:
-    """Raise ConfigError if the task is over before its food turns to poison, as which it would be listed."""
+    """Raise ConfigError if a task's food turns to poison, as which it would be listed, too late, or more than once."""
     ticks, turn = length_of(config)
+    _, world = config.body()
+    for kind, described in world.kinds.items():
+        if described.turns_every is not None:
+            allowed = f"world.kinds.{kind}.turns_every must be null, what is listed as poison turns to it once"
+            raise ConfigError(f"tasks.{task}", "...", allowed)
     if turn is not None and turn >= ticks:
-        _, world = config.body()
         allowed = f"must be greater than the {world.poison_from:g} s after which food turns to poison in {task}"
         raise ConfigError("seconds", config.seconds, f"{allowed} (leave that task out with ~tasks.{task})")
 

@@ -231,8 +231,9 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
             _one_of(f"world.kinds.{name}.avoids", avoided, ("robot", "containers"))
         if kind.sign == 0:
             raise ConfigError(f"world.kinds.{name}.sign", 0, "must be 1 or -1")
-        if kind.poison_from is not None and kind.touched != "taken":
-            raise ConfigError(f"world.kinds.{name}.poison_from", kind.poison_from, "needs touched=taken")
+        for key in ("poison_from", "turns_every"):
+            if getattr(kind, key) is not None and kind.touched != "taken":
+                raise ConfigError(f"world.kinds.{name}.{key}", getattr(kind, key), "needs touched=taken")
     first = next((kind for kind in world.kinds.values() if kind.count), None)
     if world.orbiting and not (first and first.touched == "taken" and coding.slow < coding.fast):
         raise ConfigError("world.orbiting", True, "needs a first kind that is taken, and coding.slow < coding.fast")

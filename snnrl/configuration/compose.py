@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +31,26 @@ def conf_dir() -> str:
 
 def compose(*overrides: str) -> Config:
     """The configuration that the command line `python -m snnrl.run OVERRIDES` would get; also inside a Hydra job."""
+    config = _composed("config", overrides)
+    assert isinstance(config, Config)
+    return config
+
+
+def compose_baselines(*overrides: str) -> BaselinesConfig:
+    """The same of `python -m snnrl.run +experiment=baselines OVERRIDES`: the options of agents without neurons."""
+    options = _composed("baselines", overrides)
+    assert isinstance(options, BaselinesConfig)
+    return options
+
+
+def _composed(name: str, overrides: Sequence[str]) -> Any:
     running = GlobalHydra.instance().hydra
     GlobalHydra.instance().clear()
     try:
         with guarded(), hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
-            config = plain(hydra.compose("config", overrides=list(overrides)))
+            return plain(hydra.compose(name, overrides=list(overrides)))
     finally:
         GlobalHydra.instance().hydra = running
-    assert isinstance(config, Config)
-    return config
 
 
 def load(path: Path) -> Config:

@@ -26,8 +26,8 @@ class Kinds:
         radius: float64 [K], cm. speed: float64 [K], factor on the robot's speed inside.
         room: float64 [K], the radius within which the centre of what it holds lies, cm.
         effect: int64 [K], TAKEN or ENTERED. hides: bool [K], whether from inside only what it holds is sensed.
-        sign: float64 [K], of what touching releases. turns: int64 [K], the ms
-            from which that sign is the opposite.
+        sign: float64 [K], of what touching releases. turns, again: int64 [K], the ms at which that sign turns to the
+            opposite, and those from one turn to the next.
         off_robot, apart: bool [K], whether none lands on the robot, and whether none overlaps what is entered.
         opens: bool [K, K], whether touching the first opens the second. locked: bool [K], whether it needs that.
         started, moved: [K], streams of the places at the start, and of those after a move.
@@ -47,6 +47,7 @@ class Kinds:
     hides: Tensor
     sign: Tensor
     turns: Tensor
+    again: Tensor
     off_robot: Tensor
     apart: Tensor
     opens: Tensor
@@ -81,7 +82,8 @@ class Kinds:
             torch.tensor([EFFECTS[kind.touched] for kind in kinds]),
             torch.tensor([kind.hides for kind in kinds]),
             torch.tensor([float(kind.sign) for kind in kinds], dtype=torch.float64),
-            torch.tensor([_turn(kind) for kind in kinds]),
+            torch.tensor([_ms(kind.turns_every if kind.poison_from is None else kind.poison_from) for kind in kinds]),
+            torch.tensor([_ms(kind.turns_every) for kind in kinds]),
             torch.tensor(["robot" in kind.avoids for kind in kinds]),
             torch.tensor(["containers" in kind.avoids for kind in kinds]),
             opens,
@@ -111,5 +113,11 @@ def _room(kind: KindConfig, config: WorldConfig) -> float:
     return kind.radius - (config.kinds[kind.holds].radius if kind.contains == "whole" else 0.0)
 
 
-def _turn(kind: KindConfig) -> int:
-    return NEVER if kind.poison_from is None else round(1000 * kind.poison_from)
+def _ms(seconds: float | None) -> int:
+    return NEVER if seconds is None else round(1000 * seconds)
+
+
+def sign_at(time: Tensor, sign: Tensor, turns: Tensor, again: Tensor) -> Tensor:
+    """A kind's sign at a time (ms), if it turns at `turns` and then every `again` ms; elementwise."""
+    turned = (time >= turns) & ((time - turns) // again % 2 == 0)
+    return torch.where(turned, -sign, sign)

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor, nn
 
 from snnrl.body.world.geometry import drive, in_disc, offset, orbit, within
-from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds, sign_at
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.model.draws import Draws, stream
 from snnrl.model.elementary import cos, sin
@@ -228,7 +228,7 @@ class World(nn.Module):
 
     def value(self, time: Tensor) -> Tensor:
         """The sign of what touching each kind releases at int64 scalar `time` (ms), float64 [K]."""
-        return torch.where(time >= self.kinds.turns, -self.kinds.sign, self.kinds.sign)
+        return sign_at(time, self.kinds.sign, self.kinds.turns, self.kinds.again)
 
     def sense(self) -> dict[str, Tensor]:
         """Values of the range sensors from where the robot is now, float64 [B, 2] (left, right)."""

@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from snnrl.body.world import World
-from snnrl.body.world.kinds import TAKEN
+from snnrl.body.world.kinds import TAKEN, sign_at
 from snnrl.engines.fused.compiler import Program
 from snnrl.engines.fused.engine import check_compiled
 from snnrl.engines.fused.world import sense, step_world, world_arrays
@@ -78,7 +78,7 @@ def step_trials(world, seed, trials, wheels, time, felt, counts, touched, value)
         total = 0.0
         for k in range(len(counts)):
             if counts[k] > 0 and world.effect[k] == TAKEN:
-                total += counts[k] * (-world.signs[k] if time >= world.turns[k] else world.signs[k])
+                total += counts[k] * sign_at(time, world.signs[k], world.turns[k], world.again[k])
         value[trial] = total
 
 

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from snnrl.body.world.geometry import drive, in_disc, offset, within
-from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, sign_at
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.body.world.world import World
 from snnrl.engines.fused.draws import uniform
@@ -39,6 +39,7 @@ class WorldArrays(NamedTuple):
     hides: Any
     signs: Any
     turns: Any
+    again: Any
     off_robot: Any
     apart: Any
     opens: Any
@@ -62,7 +63,7 @@ def world_arrays(world: World, share: Callable[[Tensor], Any] = Tensor.numpy) ->
     kinds, config, sensors = world.kinds, world.config, list(world.config.ranges.values())
     shared = {key: share(getattr(world, key)) for key in WorldArrays._fields[:7]}
     kinds = kinds.to(torch.device("cpu"))
-    described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:27] if key != "signs"}
+    described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:28] if key != "signs"}
     sees = [[name in world.sees[sensor] for name in kinds.names] for sensor in config.ranges]
     return WorldArrays(
         **shared,
@@ -193,8 +194,7 @@ def step_world(world, seed, number, trial, left, right, time, touched):
     for k in range(touched.shape[0]):
         world.touches[trial, k] += touched[k]
         if touched[k]:
-            value = -world.signs[k] if time >= world.turns[k] else world.signs[k]
-            sign, found = min(sign, value), True
+            sign, found = min(sign, sign_at(time, world.signs[k], world.turns[k], world.again[k])), True
             for other in range(touched.shape[0]):
                 world.unlocked[trial, other] |= world.opens[k, other]
     if found:

@@ -1,0 +1,108 @@
+"""Experiments beyond the thesis: what they measure, by hand, and each at a small size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from snnrl.beyond import changing_world, command
+from snnrl.beyond.changing_world import REACHED, WINDOW, relearning, since_swap
+from snnrl.beyond.course import Course, follow
+from snnrl.beyond.page import BEGIN, END
+from snnrl.configuration.compose import compose_baselines
+
+CHANGING = ("+experiment=changing_world",)
+OPTIONS = compose_baselines()
+SMALL = ("trials=2", "seed=3000000", "threads=1")
+
+
+def course(reward: list[float], every: float = 10.0) -> Course:
+    """Of one trial and one kind, worth 1 each."""
+    touches = np.array(reward)[:, None] * every
+    worth = np.ones(len(reward))
+    return Course("learning", every, {"food": touches, "poison": 0 * touches}, {"food": worth, "poison": worth})
+
+
+def test_a_touch_is_worth_its_sign_at_the_time() -> None:
+    found = Course(
+        "learning",
+        10.0,
+        {"food": np.array([[3, 0], [4, 1]]), "poison": np.array([[1, 1], [0, 2]])},
+        {"food": np.array([1.0, -1.0]), "poison": np.array([-1.0, 1.0])},
+    )
+    assert found.rate("food", "poison").tolist() == [[0.2, -0.1], [-0.4, 0.1]]
+    assert found.time.tolist() == [10.0, 20.0]
+
+
+def test_spans_begin_with_the_first_tick_after_a_swap() -> None:
+    found = follow("random_walk", 0.5, OPTIONS, *CHANGING, "world.kinds.food.turns_every=1", "seconds=4", *SMALL)
+    assert found.signs["food"].tolist() == [1, 1, -1, -1, 1, 1, -1, -1]
+    assert (found.signs["poison"] == -found.signs["food"]).all()
+    assert found.touches["food"].shape == (8, 2)
+
+
+def test_the_same_world_for_agents_with_and_without_neurons() -> None:
+    """All that was touched is counted, in spans of any length."""
+    for agent in ("learning", "q_learning"):
+        counts = [
+            follow(agent, every, OPTIONS, *CHANGING, "world.kinds.food.turns_every=15", "seconds=30", *SMALL)
+            for every in (3.0, 15.0)
+        ]
+        total = [sum(touches.sum() for touches in found.touches.values()) for found in counts]
+        assert total[0] == total[1] > 0
+        assert counts[0].rate("food", "poison").mean() == pytest.approx(counts[1].rate("food", "poison").mean())
+
+
+def test_it_has_re_learnt_when_the_mean_over_the_window_is_reached() -> None:
+    spans = 2 * WINDOW
+    never, late = [0.9 * REACHED] * spans, [0.0] * WINDOW + [REACHED] * WINDOW
+    one = [0.0] * 2 + [WINDOW * REACHED] + [0.0] * (spans - 3)
+    found = relearning(course([*never, *late, *one]), 10.0 * spans)
+    np.testing.assert_equal(found[:, 0], [np.nan, 10.0 * spans, 10.0 * WINDOW])
+
+
+def test_rewards_are_cut_at_the_swaps() -> None:
+    assert since_swap(course([1, 2, 3, 4, 5]), 20.0)[..., 0].tolist() == [[1, 2], [3, 4]]
+
+
+def test_a_page_gets_its_table_and_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(changing_world, "SWAPS", {60.0: 2})
+    monkeypatch.setattr(changing_world, "AGENTS", ("learning", "sarsa_lambda"))
+    monkeypatch.chdir(tmp_path)
+    page = tmp_path / "page.md"
+    page.write_text(f"Before.\n{BEGIN}old\n{END}After.\n")
+    command.main(["changing_world", "--part=0.5", "--page", "page.md", *SMALL])
+    found = page.read_text()
+    assert found.startswith("Before.\n<!--")
+    assert found.endswith("-->\nAfter.\n")
+    assert "old" not in found
+    assert found.count("| 60 s |") == 2
+    assert (tmp_path / "page.png").read_bytes().startswith(b"\x89PNG")
+    assert "sarsa lambda" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("argument", "line"),
+    [
+        ("--page=page.md", "--page=page.md: must have the lines <!-- begin table --> and <!-- end table -->"),
+        ("--page=none.md", "none.md"),
+        ("--part=0", "--part=0.0: must be greater than 0 and at most 1"),
+        ("trails=3", "trails"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_runs(
+    argument: str, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "page.md").write_text("Nothing.\n")
+    with pytest.raises(SystemExit):
+        command.main(["changing_world", argument])
+    error = capsys.readouterr().err
+    assert error.startswith("snnrl.beyond: ")
+    assert line in error
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["page.md"]
