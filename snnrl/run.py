@@ -1,8 +1,8 @@
 """The main job from the command line.
 
-python -m snnrl.run +experiment=NAME [robot=NAME] [trials=N] [seconds=S] [seed=K] [engine=...] [device=...]
+python -m snnrl.run experiment=NAME [robot=NAME] [trials=N] [seconds=S] [seed=K] [engine=...] [device=...]
 python -m snnrl.run resume=RUN_FOLDER
-python -m snnrl.run +experiment=baselines    # see `snnrl.agents.baselines`
+python -m snnrl.run experiment=baselines     # see `snnrl.agents.baselines`
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from snnrl.errors import ConfigError
 from snnrl.running import jobs
 from snnrl.running.command import hydra_job, launch
 
-BASELINES = "+experiment=baselines"
+BASELINES = ("experiment=baselines", "+experiment=baselines")
 
 
 def main() -> None:
@@ -26,10 +26,10 @@ def main() -> None:
             raise ConfigError("resume", resumed[0], "goes alone, its config.yaml says the rest")
         if resumed:
             jobs.resume(Path(resumed[0]))
-        elif BASELINES in arguments:
+        elif chosen := [argument for argument in arguments if argument in BASELINES]:
             from snnrl.agents import baselines  # which brings matplotlib
 
-            sys.argv.remove(BASELINES)
+            sys.argv.remove(chosen[0])
             hydra_job(baselines.job, "baselines")
         else:
             hydra_job(jobs.job, "config")

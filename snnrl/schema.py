@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from operator import ge, gt, le
 from typing import Any, get_args, get_origin, get_type_hints
 
 from omegaconf import MISSING
@@ -24,28 +25,33 @@ MOVED = {  # keys of earlier versions, and where they are now
     "world.container_speed": "world.kinds.food_container.speed and world.kinds.empty_container.speed",
     "world.poison_from": "world.kinds.food.poison_from",
 }
+LIMITS = {"above": ("greater than", gt), "least": ("at least", ge), "most": ("at most", le)}  # of a value, its bound
 FOOD = "food"  # the kind of object whose touches are a robot's score
 
 
-def number(
+def key(
+    meaning: str,
+    unit: str = "",
     default: Any = MISSING,
+    *,
     least: float | None = None,
     most: float | None = None,
     above: float | None = None,
     choices: tuple[str, ...] | None = None,
+    of: type = str,
 ) -> Any:
-    """A field with bounds: least <= value <= most, value > above, or one of the choices."""
-    return field(default=default, metadata={"least": least, "most": most, "above": above, "choices": choices})
+    """A field: what it means, in which unit, and its bounds.
 
-
-def places() -> Any:
-    """A field that is a list of whole numbers, or null unless given."""
-    return field(default=None, metadata={"of": int})
-
-
-def table() -> Any:
-    """A field that is a dictionary, empty unless given."""
-    return field(default_factory=dict)
+    Args:
+        default: a value, or the type whose empty instance it is; MISSING where `conf/` must give one.
+        least, most, above, choices: least <= value <= most, value > above, or one of the choices.
+        of: of what a list is.
+    """
+    limits = {"least": least, "most": most, "above": above, "choices": choices, "of": of}
+    about = {"meaning": meaning, "unit": unit, **limits}
+    if isinstance(default, type):
+        return field(default_factory=default, metadata=about)
+    return field(default=default, metadata=about)
 
 
 @dataclass
@@ -56,233 +62,239 @@ class NeuronConfig:
     (see `snnrl.model.neurons.NeuronModel`) as FILE.py:NAME or MODULE:NAME, whose are `parameters` and `spreads`.
     """
 
-    a: float | None = None
-    b: float | None = None
-    c: float | None = None
-    d: float | None = None
-    c_spread: float = 0.0
-    d_spread: float = 0.0
-    v: float = MISSING  # initial potential, mV
-    model: Any = "izhikevich"
-    parameters: dict[str, float] = table()
-    spreads: dict[str, float] = table()
+    a: float | None = key("rate of the recovery u", "1/ms", None)
+    b: float | None = key("coupling of u to the potential", "current/mV", None)
+    c: float | None = key("reset of the potential after a spike", "mV", None)
+    d: float | None = key("jump of u after a spike", "current", None)
+    c_spread: float = key("of c over the neurons", "mV", 0.0)
+    d_spread: float = key("of d over the neurons", "current", 0.0)
+    v: float = key("potential at the start", "mV")
+    model: Any = key("izhikevich, or a function of your own as FILE.py:NAME or MODULE:NAME", default="izhikevich")
+    parameters: dict[str, float] = key("values of an own model's parameters", default=dict)
+    spreads: dict[str, float] = key("their spreads over the neurons", default=dict)
 
 
 @dataclass
 class SynapseConfig:
-    """A kind of synapse: which pairs are joined, weight + spread * uniform (mV), delay (ms).
+    """A kind of synapse: which pairs are joined, weight + spread * uniform, delay.
 
     Pairs are joined either each with a `probability`, or so that every presynaptic neuron has `fan_out`
     different targets, drawn uniformly. What is plastic learns by `network.plasticity`, or by that of `network.rules`
     which `rule` names, from dopamine, or from the modulators in `listens`, each with a factor on its level.
     """
 
-    probability: float | None = number(None, least=0.0, most=1.0)
-    weight: float = 0.0
-    spread: float = 0.0
-    plastic: bool = False
-    delay: int = number(1, least=1, most=1000)
-    fan_out: int | None = number(None, least=1)
-    rule: str = ""
-    listens: dict[str, float] = table()
+    probability: float | None = key("of a synapse from one neuron to another", "", None, least=0.0, most=1.0)
+    weight: float = key("at the start", "mV", 0.0)
+    spread: float = key("added to the weight, times a number uniform in [0, 1)", "mV", 0.0)
+    plastic: bool = key("whether it learns", default=False)
+    delay: int = key("from a spike to its arrival", "ms", 1, least=1, most=1000)
+    fan_out: int | None = key("targets of each presynaptic neuron, in place of a probability", "", None, least=1)
+    rule: str = key("the one of network.rules by which it learns; empty for network.plasticity", default="")
+    listens: dict[str, float] = key("modulators that it learns from, and a factor on the level of each", default=dict)
 
 
 @dataclass
 class GroupConfig:
-    """A population and its background: a constant current, and what is drawn for each neuron and ms and added to it.
+    """A population and its background: a constant current, and what is drawn for each neuron and ms and added to it."""
 
-    noise: half width of a uniform current. gaussian: standard deviation of a Gaussian one.
-    kick, kick_rate: a current that comes in single ms, and how often (Hz).
-    """
-
-    size: int = number(least=1, most=1_000_000)
-    neuron: str = MISSING
-    current: float = 0.0
-    noise: float = number(0.0, least=0.0)
-    gaussian: float = number(0.0, least=0.0)
-    kick: float = 0.0
-    kick_rate: float = number(0.0, least=0.0, most=1000.0)
+    size: int = key("number of neurons", least=1, most=1_000_000)
+    neuron: str = key("the one of network.neurons that they are")
+    current: float = key("constant background", "current", 0.0)
+    noise: float = key("half width of a uniform background", "current", 0.0, least=0.0)
+    gaussian: float = key("standard deviation of a Gaussian background", "current", 0.0, least=0.0)
+    kick: float = key("background that comes in single ms", "current", 0.0)
+    kick_rate: float = key("how often it comes", "Hz", 0.0, least=0.0, most=1000.0)
 
 
 @dataclass
 class ProjectionConfig:
     """Synapses of one kind from one group to another."""
 
-    pre: str = MISSING
-    post: str = MISSING
-    synapse: str = MISSING
-    role: str = ""
+    pre: str = key("group that sends")
+    post: str = key("group that receives")
+    synapse: str = key("the one of network.synapses that they are")
+    role: str = key("by which robots, criteria and homeostasis name it", default="")
 
 
 @dataclass
 class PlasticityConfig:
-    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME.
+    """See `snnrl.model.plasticity.Plasticity`; functions of your own are given as FILE.py:NAME or MODULE:NAME."""
 
-    potentiation_from: whether a pair potentiates by the ms since the presynaptic spike's departure or its arrival,
-    which is its synapse's delay later.
-    """
-
-    potentiation: float = number(least=0.0)
-    depression: float = number(least=0.0)
-    tau_plus: float = number(above=0.0)
-    tau_minus: float = number(above=0.0)
-    tau_eligibility: float = number(above=0.0)
-    weight_max: float = MISSING
-    simultaneous: str = number("potentiates", choices=("potentiates", "depresses"))
-    potentiation_from: str = number("departure", choices=("departure", "arrival"))
-    weight_min: float = 0.0
-    at_post: Any = "potentiate"
-    at_pre: Any = "depress"
-    weight_rule: Any = "hard_bounds"
-    values: dict[str, float] = table()
+    potentiation: float = key("of eligibility, by a pair at no distance", "mV/(uM ms)", least=0.0)
+    depression: float = key("of eligibility, by a pair at no distance", "mV/(uM ms)", least=0.0)
+    tau_plus: float = key("width of the window that potentiates", "ms", above=0.0)
+    tau_minus: float = key("width of the window that depresses", "ms", above=0.0)
+    tau_eligibility: float = key("decay of eligibility", "ms", above=0.0)
+    weight_max: float = key("upper bound of the weights", "mV")
+    simultaneous: str = key("what two spikes of one ms do", default="potentiates", choices=("potentiates", "depresses"))
+    potentiation_from: str = key(
+        "from when on a presynaptic spike potentiates: its departure, or its arrival a delay later",
+        default="departure",
+        choices=("departure", "arrival"),
+    )
+    weight_min: float = key("lower bound of the weights", "mV", 0.0)
+    at_post: Any = key("what a pair adds at its postsynaptic spike", default="potentiate")
+    at_pre: Any = key("what a pair adds at its presynaptic spike", default="depress")
+    weight_rule: Any = key("how eligibility times dopamine changes a weight", default="hard_bounds")
+    values: dict[str, float] = key("of further arguments of such functions", default=dict)
 
 
 @dataclass
 class ModulatorConfig:
     """See `snnrl.model.modulators.Modulator`.
 
-    `source` is the group whose bursts release it, null for none. With a function of your own in `released`, as
-    FILE.py:NAME or MODULE:NAME, `sources` gives it the groups that its first arguments count, and `values` the rest.
+    With a function of your own in `released`, as FILE.py:NAME or MODULE:NAME, `sources` gives it the groups that its
+    first arguments count, and `values` the rest.
     """
 
-    source: str | None = None
-    baseline: float = MISSING
-    tau: float = number(above=0.0)
-    release: float = 0.0
-    delay: int = number(1, least=1, most=1000)
-    threshold: int = number(0, least=0, most=2**31)
-    released: Any = "burst"
-    sources: dict[str, str] = table()
-    values: dict[str, float] = table()
-    smoothing: float = number(0.0, least=0.0)
-    signed: bool = True
-    reward: float = 1.0
+    source: str | None = key("group whose bursts release it; null for none", default=None)
+    baseline: float = key("level without release; below 0 it is hunger", "uM")
+    tau: float = key("decay of the level to its baseline", "ms", above=0.0)
+    release: float = key("by each spike of a burst", "uM", 0.0)
+    delay: int = key("from a burst to its release", "ms", 1, least=1, most=1000)
+    threshold: int = key("spikes in one ms; it is a burst if there are more", "spikes", 0, least=0, most=2**31)
+    released: Any = key("how much is released", default="burst")
+    sources: dict[str, str] = key("groups that an own function counts, by the names of its arguments", default=dict)
+    values: dict[str, float] = key("of its further arguments", default=dict)
+    smoothing: float = key("decay of a mean over the spikes that it counts; 0 is none", "ms", 0.0, least=0.0)
+    signed: bool = key("whether poison makes a release lower the level", default=True)
+    reward: float = key("factor on the reward of a task", default=1.0)
 
 
 @dataclass
 class SetConfig:
     """What is different in one homeostatic set; the rest is that of all."""
 
-    limit: float | None = number(None, least=0.0)
-    step: float | None = number(None, least=0.0)
-    count_absent: bool | None = None
+    limit: float | None = key("see network.homeostasis.limit", "mV", None, least=0.0)
+    step: float | None = key("see network.homeostasis.step", "mV", None, least=0.0)
+    count_absent: bool | None = key("see network.homeostasis.count_absent", default=None)
 
 
 @dataclass
 class HomeostasisConfig:
-    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles.
+    """See `snnrl.model.homeostasis.Homeostasis`; a set is all plastic projections with one of its roles."""
 
-    Limit, step and count_absent are those of all sets, but where `per_set` gives a set its own.
-    """
-
-    sets: dict[str, list[str]] = table()
-    limit: float = number(least=0.0)
-    step: float = number(least=0.0)
-    count_absent: bool = True
-    per_set: dict[str, SetConfig] = table()
+    sets: dict[str, list[str]] = key("the roles in each set", default=dict)
+    limit: float = key("of a set's mean weight", "mV", least=0.0)
+    step: float = key("by which all weights of a set above its limit are lowered", "mV", least=0.0)
+    count_absent: bool = key("whether pairs without a synapse count as zeros in the mean", default=True)
+    per_set: dict[str, SetConfig] = key("what is a set's own", default=dict)
 
 
 @dataclass
 class NetworkConfig:
     """A whole network; any number of groups, projections, rules and modulators, with or without homeostasis."""
 
-    neurons: dict[str, NeuronConfig] = table()
-    synapses: dict[str, SynapseConfig] = table()
-    groups: dict[str, GroupConfig] = table()
-    projections: dict[str, ProjectionConfig] = table()
-    synaptic_gain: float = number(least=0.0)
-    plasticity: PlasticityConfig = field(default_factory=PlasticityConfig)
-    rules: dict[str, PlasticityConfig] = table()
-    dopamine: ModulatorConfig | None = None
-    modulators: dict[str, ModulatorConfig] = table()  # further ones
-    homeostasis: HomeostasisConfig | None = None
+    neurons: dict[str, NeuronConfig] = key("neuron models", default=dict)
+    synapses: dict[str, SynapseConfig] = key("kinds of synapses", default=dict)
+    groups: dict[str, GroupConfig] = key("populations of neurons", default=dict)
+    projections: dict[str, ProjectionConfig] = key("from group to group", default=dict)
+    synaptic_gain: float = key("current of a spike for each mV of weight", "current/mV", least=0.0)
+    plasticity: PlasticityConfig = key("how plastic synapses learn", default=PlasticityConfig)
+    rules: dict[str, PlasticityConfig] = key("further ways to learn", default=dict)
+    dopamine: ModulatorConfig | None = key("the modulator that all plastic synapses listen to", default=None)
+    modulators: dict[str, ModulatorConfig] = key("further modulators", default=dict)
+    homeostasis: HomeostasisConfig | None = key("competition within sets of projections", default=None)
 
 
 @dataclass
 class PairConfig:
     """The left and the right group of a pair of range sensors, or of the motors."""
 
-    left: str = MISSING
-    right: str = MISSING
+    left: str = key("group on the left")
+    right: str = key("group on the right")
 
 
 @dataclass
 class CodingConfig:
-    """See `snnrl.body.coding.Coding`: times in ms, speeds in cm/s. `touches` names a group for each sensor.
+    """See `snnrl.body.coding.Coding`."""
 
-    gain_acts_on: whether pulses of the sensors are gain * Poisson(mean) ("counts") or Poisson(gain * mean) ("mean").
-    exploration_drawn: whether the exploring motor's neurons get a new current in every ms of a tick, or keep one.
-    """
-
-    tick: int = number(least=1, most=10_000)
-    range_mean: float = number(above=0.0, most=600.0)
-    range_gain: float = number(least=0.0)
-    touch_mean: float = number(above=0.0, most=600.0)
-    touch_gain: float = number(least=0.0)
-    gain_acts_on: str = number("counts", choices=("counts", "mean"))
-    exploration: float = number(above=0.0, most=600.0)
-    exploration_gain: float = number(1.0, least=0.0)
-    exploration_drawn: str = number("each_ms", choices=("each_ms", "each_tick"))
-    slow: float = number(least=0.0)
-    fast: float = number(above=0.0)
-    motors: PairConfig = field(default_factory=PairConfig)
-    ranges: dict[str, PairConfig] = table()
-    touches: dict[str, str] = table()
+    tick: int = key("between two actions of the body", "ms", least=1, most=10_000)
+    range_mean: float = key("Poisson mean of the pulse of a range sensor that answers with 1", above=0.0, most=600.0)
+    range_gain: float = key("of range pulses", "current", least=0.0)
+    touch_mean: float = key("Poisson mean of a touch sensor's pulse", above=0.0, most=600.0)
+    touch_gain: float = key("of touch pulses", "current", least=0.0)
+    gain_acts_on: str = key(
+        "pulses are gain * Poisson(mean), or Poisson(gain * mean)", default="counts", choices=("counts", "mean")
+    )
+    exploration: float = key(
+        "Poisson mean of what each neuron of one motor group gets in every ms", above=0.0, most=600.0
+    )
+    exploration_gain: float = key("of exploration", "current", 1.0, least=0.0)
+    exploration_drawn: str = key(
+        "whether exploring neurons get a new current in every ms of a tick, or keep one",
+        default="each_ms",
+        choices=("each_ms", "each_tick"),
+    )
+    slow: float = key("speed of the slow wheel", "cm/s", least=0.0)
+    fast: float = key("speed of the fast wheel", "cm/s", above=0.0)
+    motors: PairConfig = key("the groups that move the wheels", default=PairConfig)
+    ranges: dict[str, PairConfig] = key("groups of each range sensor", default=dict)
+    touches: dict[str, str] = key("group of each touch sensor, by the kind that is touched", default=dict)
 
 
 @dataclass
 class SensorConfig:
-    """How far a range sensor sees (cm), whether to an object's border or centre, and which kinds (that of its name)."""
+    """How far a range sensor sees, to what of an object, and which kinds."""
 
-    reach: float = number(above=0.0)
-    measured_to: str = number("border", choices=("border", "centre"))
-    sees: list[str] = field(default_factory=list)
+    reach: float = key("how far it sees", "cm", above=0.0)
+    measured_to: str = key("of an object", default="border", choices=("border", "centre"))
+    sees: list[str] = key("kinds of objects; empty for the one of its own name", default=list)
 
 
 @dataclass
 class KindConfig:
-    """A kind of object: discs of a radius (cm), `count` of them, each of which may hold one thing more of another kind.
+    """A kind of object: discs, each of which may hold one thing more of another kind."""
 
-    touched: what happens when the robot touches one: it is taken, and reappears elsewhere, or it is entered.
-    holds: the kind of the thing that each of them holds. contains: whether the centre of that lies within, or all of
-    it. hides: whether what it holds is sensed and touched from inside of it only, and nothing else from there.
-    speed: factor on the robot's speed inside. opens: kinds that can only be entered after one of these was touched,
-    until what they hold is taken.
-    avoids: where none of them lies at the start or lands when moved, as far as the world's `attempts` reach: on the
-    robot, or (containers) where it would overlap something that is entered.
-    sign: 1, or -1 where what touching releases lowers a modulator (poison); poison_from: time (s) at which it turns;
-    turns_every: s from one turn to the next; the first, unless poison_from says when, is so long after the start.
-    """
-
-    count: int = number(0, least=0, most=100_000)
-    radius: float = number(above=0.0)
-    touched: str = number("taken", choices=("taken", "entered"))
-    holds: str = ""
-    contains: str = number("centre", choices=("centre", "whole"))
-    hides: bool = True
-    speed: float = number(1.0, above=0.0)
-    opens: list[str] = field(default_factory=list)
-    avoids: list[str] = field(default_factory=list)
-    sign: int = number(1, least=-1, most=1)
-    poison_from: float | None = number(None, least=0.0, most=1e9)
-    turns_every: float | None = number(None, least=0.001, most=1e9)
+    count: int = key("how many there are, besides those that others hold", "", 0, least=0, most=100_000)
+    radius: float = key("of each", "cm", above=0.0)
+    touched: str = key(
+        "what happens to one that is touched: taken, it reappears elsewhere; or it is entered",
+        default="taken",
+        choices=("taken", "entered"),
+    )
+    holds: str = key("kind of the thing that each of them holds", default="")
+    contains: str = key(
+        "whether the centre of that lies within, or all of it", default="centre", choices=("centre", "whole")
+    )
+    hides: bool = key(
+        "whether what it holds is sensed and touched from inside only, and nothing else from there", default=True
+    )
+    speed: float = key("factor on the robot's speed inside", "", 1.0, above=0.0)
+    opens: list[str] = key(
+        "kinds that can only be entered after one of these was touched, until what they hold is taken", default=list
+    )
+    avoids: list[str] = key(
+        "where none of them lands, as far as world.attempts reach: on the robot, or on containers", default=list
+    )
+    sign: int = key("1, or -1 where what touching releases lowers a modulator (poison)", "", 1, least=-1, most=1)
+    poison_from: float | None = key("when the sign turns; null for never", "s", None, least=0.0, most=1e9)
+    turns_every: float | None = key(
+        "from one turn of the sign to the next, the first at poison_from, or so long after the start",
+        "s",
+        None,
+        least=0.001,
+        most=1e9,
+    )
 
 
 @dataclass
 class WorldConfig:
-    """See `snnrl.body.world.World`; lengths in cm.
+    """See `snnrl.body.world.World`."""
 
-    overlap: where things that are entered overlap, the robot stays in the one it is in, or is in that with the nearest
-    centre. attempts: how many places are drawn, at most, for what avoids something; it lands on the last.
-    """
-
-    side: float = number(above=0.0)
-    axle: float = number(above=0.0)
-    kinds: dict[str, KindConfig] = table()
-    ranges: dict[str, SensorConfig] = table()
-    overlap: str = number("stays", choices=("stays", "nearest"))
-    attempts: int = number(20, least=1, most=1000)
-    orbiting: bool = False  # robots start on an orbit round the first object
+    side: float = key("of the torus", "cm", above=0.0)
+    axle: float = key("distance of the wheels", "cm", above=0.0)
+    kinds: dict[str, KindConfig] = key("kinds of objects", default=dict)
+    ranges: dict[str, SensorConfig] = key("range sensors", default=dict)
+    overlap: str = key(
+        "where things that are entered overlap, the robot stays in its own, or is in that with the nearest centre",
+        default="stays",
+        choices=("stays", "nearest"),
+    )
+    attempts: int = key(
+        "places drawn, at most, for what avoids something; it lands on the last", "", 20, least=1, most=1000
+    )
+    orbiting: bool = key("whether robots start on an orbit round the first object", default=False)
 
     @property
     def poison_from(self) -> float | None:
@@ -292,138 +304,130 @@ class WorldConfig:
 
 @dataclass
 class StimuliConfig:
-    """See `snnrl.tasks.stimuli.Stimuli`; `size` neurons of `groups` are drawn for each, times in ms."""
+    """See `snnrl.tasks.stimuli.Stimuli`."""
 
-    groups: list[str] = MISSING
-    count: int = number(least=1, most=100_000)
-    size: int = number(least=1)
-    current: float = MISSING
-    shortest: int = number(least=1, most=1_000_000)
-    longest: int = number(least=1, most=1_000_000)
-    window: int = number(least=1, most=1_000_000)
-    rewarded: int = number(least=0)
+    groups: list[str] = key("of whose neurons the stimuli are drawn")
+    count: int = key("number of stimuli", least=1, most=100_000)
+    size: int = key("neurons of each", least=1)
+    current: float = key("of a stimulus's pulse", "current")
+    shortest: int = key("interval between two stimuli", "ms", least=1, most=1_000_000)
+    longest: int = key("interval between two stimuli", "ms", least=1, most=1_000_000)
+    window: int = key("after a stimulus, in which spikes are its response", "ms", least=1, most=1_000_000)
+    rewarded: int = key("number of the stimulus that earns rewards", least=0)
 
 
 @dataclass
 class CoincidenceConfig:
-    """See `snnrl.tasks.coincidences.Coincidence`; a synapse of the projection is drawn, and starts at `weight` (mV)."""
+    """See `snnrl.tasks.coincidences.Coincidence`; the synapse that is watched is drawn."""
 
-    projection: str = MISSING
-    window: int = number(least=1, most=1_000_000)
-    weight: float = number(least=0.0)
+    projection: str = key("one of whose synapses is watched")
+    window: int = key("from a presynaptic spike to the postsynaptic one", "ms", least=1, most=1_000_000)
+    weight: float = key("of that synapse at the start", "mV", least=0.0)
 
 
 @dataclass
 class RewardConfig:
-    """See `snnrl.tasks.rewards.Reward`; amount in uM, delays in ms."""
+    """See `snnrl.tasks.rewards.Reward`."""
 
-    amount: float = MISSING
-    shortest: int = number(least=0, most=1_000_000)
-    longest: int = number(least=0, most=1_000_000)
+    amount: float = key("dopamine of a reward", "uM")
+    shortest: int = key("delay of a reward", "ms", least=0, most=1_000_000)
+    longest: int = key("delay of a reward", "ms", least=0, most=1_000_000)
 
 
 @dataclass
 class TaskConfig:
-    """See `snnrl.tasks.task.Task`; the network runs for `tick` ms at a time."""
+    """See `snnrl.tasks.task.Task`."""
 
-    tick: int = number(least=1, most=10_000)
-    reward: RewardConfig = field(default_factory=RewardConfig)
-    stimuli: StimuliConfig | None = None
-    coincidence: CoincidenceConfig | None = None
+    tick: int = key("for which the network runs at a time", "ms", least=1, most=10_000)
+    reward: RewardConfig = key("what it earns", default=RewardConfig)
+    stimuli: StimuliConfig | None = key("sets of neurons that are made to fire together", default=None)
+    coincidence: CoincidenceConfig | None = key("a synapse whose spikes are rewarded", default=None)
 
 
 @dataclass
 class RobotConfig:
-    """What distinguishes a robot: initial weights by role (mV), and which roles do not learn."""
+    """What distinguishes a robot."""
 
-    name: str = MISSING
-    learning: bool = True
-    weights: dict[str, float] = table()
-    fixed: list[str] = field(default_factory=list)
+    name: str = key("by which experiments and tables name it")
+    learning: bool = key("whether anything is plastic", default=True)
+    weights: dict[str, float] = key("at the start, by role; in mV", default=dict)
+    fixed: list[str] = key("roles that do not learn", default=list)
 
 
 @dataclass
 class ExperimentConfig:
-    """What an experiment is called, which robots it is for, and which taxes make a trial correct.
+    """What an experiment is called, which robots it is for, and which taxes make a trial correct."""
 
-    `correct` gives each taxis its rule in `snnrl.recording.criteria`: together or each_side.
-    """
-
-    name: str = MISSING
-    robots: list[str] = MISSING
-    correct: dict[str, str] = table()
+    name: str = key("by which folders and tables name it")
+    robots: list[str] = key("names of those that it is for")
+    correct: dict[str, str] = key("the criterion of each taxis: together or each_side", default=dict)
 
 
 @dataclass
 class AlarmsConfig:
     """Thresholds of `snnrl.recording.alarms.Alarms`; null is never."""
 
-    silent: float | None = number(None, above=0.0)  # s
-    saturated: float | None = number(None, least=0.0, most=1.0)  # share of the plastic weights
-    synchronised: float | None = number(None, least=-1.0, most=1.0)  # correlation
-    synchronised_above: float = number(0.0, least=0.0)  # mV, both mean weights
-    synchronised_lead: float = number(1.0, least=0.0)  # of attraction over avoidance, with which all is well
-    synchronised_over: float = number(0.0, least=0.0)  # s that the correlation is over
+    silent: float | None = key("for which a motor group has not fired", "s", None, above=0.0)
+    saturated: float | None = key("share of plastic weights at the upper bound", "", None, least=0.0, most=1.0)
+    synchronised: float | None = key("correlation of attraction and avoidance", "", None, least=-1.0, most=1.0)
+    synchronised_above: float = key("mean weight that both must exceed", "mV", 0.0, least=0.0)
+    synchronised_lead: float = key("factor of attraction over avoidance with which all is well", "", 1.0, least=0.0)
+    synchronised_over: float = key("that the correlation is over", "s", 0.0, least=0.0)
 
 
 @dataclass
 class MonitorConfig:
-    """See `snnrl.recording.monitors.Monitor`; `every` in ms, null is all of them."""
+    """See `snnrl.recording.monitors.Monitor`."""
 
-    of: str = MISSING
-    quantities: list[str] = MISSING
-    neurons: list[int] | None = places()
-    pre: list[int] | None = places()
-    post: list[int] | None = places()
-    trials: list[int] | None = places()
-    every: int = number(1, least=1, most=2**31)
+    of: str = key("group, projection or modulator that is watched")
+    quantities: list[str] = key("what is seen of it, as v and spikes, weight and eligibility, or level")
+    neurons: list[int] | None = key("of a group; null for all", default=None, of=int)
+    pre: list[int] | None = key("neurons from which a projection's synapses come; null for all", default=None, of=int)
+    post: list[int] | None = key("neurons to which they go; null for all", default=None, of=int)
+    trials: list[int] | None = key("their numbers; null for all", default=None, of=int)
+    every: int = key("between two looks", "ms", 1, least=1, most=2**31)
 
 
 @dataclass
 class RecordConfig:
-    """What is kept of a run, all in simulated s: `every` so many from `start` on the series are sampled.
+    """What is kept of a run, all in simulated s."""
 
-    `tensorboard` says whether events are written, `histograms` and `pictures` how often those of the weights
-    and of the first trial are; 0 is never. `alarms` are checked at every sample. `monitors` keep single neurons,
-    synapses and modulators besides.
-    """
-
-    every: float = number(above=0.0)
-    start: float = number(0.0, least=0.0)
-    tensorboard: bool = True
-    histograms: float = number(0.0, least=0.0)
-    pictures: float = number(0.0, least=0.0)
-    alarms: AlarmsConfig = field(default_factory=AlarmsConfig)
-    monitors: dict[str, MonitorConfig] = table()
+    every: float = key("between two samples of the series", "s", above=0.0)
+    start: float = key("from when on there are samples", "s", 0.0, least=0.0)
+    tensorboard: bool = key("whether events are written", default=True)
+    histograms: float = key("between two histograms of the weights; 0 is never", "s", 0.0, least=0.0)
+    pictures: float = key("between two pictures of the first trial; 0 is never", "s", 0.0, least=0.0)
+    alarms: AlarmsConfig = key("checked at every sample", default=AlarmsConfig)
+    monitors: dict[str, MonitorConfig] = key("of single neurons, synapses and modulators", default=dict)
 
 
 @dataclass
 class CheckpointConfig:
-    """How often (simulated s) an unfinished run is saved; 0 or null is never."""
+    """How often an unfinished run is saved."""
 
-    every: float | None = number(None, least=0.0)
+    every: float | None = key("simulated, between two checkpoints; 0 or null is never", "s", None, least=0.0)
 
 
 @dataclass
 class Config:
     """Everything a run is made from: a network with either coding and world (a robot) or a task."""
 
-    experiment: ExperimentConfig = field(default_factory=ExperimentConfig)
-    robot: RobotConfig = field(default_factory=RobotConfig)
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    coding: CodingConfig | None = None
-    world: WorldConfig | None = None
-    task: TaskConfig | None = None
-    record: RecordConfig = field(default_factory=RecordConfig)
-    checkpoint: CheckpointConfig = field(default_factory=CheckpointConfig)
-    trials: int = number(least=1, most=10_000_000)
-    trial_start: int = number(0, least=0, most=2**31)
-    seconds: float = number(above=0.0, most=1e9)
-    seed: int = number(0, least=0, most=2**63 - 1)
-    engine: str = number("auto", choices=("auto", "reference", "fused", "cuda"))
-    device: str = "cpu"
-    dtype: str = number("float32", choices=("float32", "float64"))
-    threads: int = number(0, least=0, most=4096)  # 0 is one per processor
+    experiment: ExperimentConfig = key("what the run is for", default=ExperimentConfig)
+    robot: RobotConfig = key("what distinguishes the robot", default=RobotConfig)
+    network: NetworkConfig = key("the brain", default=NetworkConfig)
+    coding: CodingConfig | None = key("between world and network", default=None)
+    world: WorldConfig | None = key("where the robot lives", default=None)
+    task: TaskConfig | None = key("in place of coding and world", default=None)
+    record: RecordConfig = key("what is kept", default=RecordConfig)
+    checkpoint: CheckpointConfig = key("how an unfinished run is saved", default=CheckpointConfig)
+    trials: int = key("independent robots, each with its own graph and world", least=1, most=10_000_000)
+    trial_start: int = key("number of the first trial", "", 0, least=0, most=2**31)
+    seconds: float = key("simulated, of each trial", "s", above=0.0, most=1e9)
+    seed: int = key("of all random numbers, with the trial's number", "", 0, least=0, most=2**63 - 1)
+    engine: str = key("what advances time", default="auto", choices=("auto", "reference", "fused", "cuda"))
+    device: str = key("of torch: cpu, cuda or cuda:N", default="cpu")
+    dtype: str = key("of the network's state", default="float32", choices=("float32", "float64"))
+    threads: int = key("of the engine; 0 is one per processor", "", 0, least=0, most=4096)
 
     def body(self) -> tuple[CodingConfig, WorldConfig]:
         """Coding and world of a robot.
@@ -443,52 +447,49 @@ class Config:
 class BraitenbergConfig:
     """See `snnrl.agents.agents.Braitenberg`."""
 
-    exploration: float = number(least=0.0, most=1.0)
+    exploration: float = key("share of ticks with a choice at random", least=0.0, most=1.0)
 
 
 @dataclass
 class QLearningConfig:
     """See `snnrl.agents.agents.QLearning`."""
 
-    bins: int = number(least=1, most=100)
-    rate: float = number(above=0.0, most=1.0)
-    discount: float = number(least=0.0, most=1.0)
-    exploration: float = number(least=0.0, most=1.0)
+    bins: int = key("into which a sensor's value is divided", least=1, most=100)
+    rate: float = key("of learning", above=0.0, most=1.0)
+    discount: float = key("of a later reward, for each tick", least=0.0, most=1.0)
+    exploration: float = key("share of ticks with a choice at random", least=0.0, most=1.0)
 
 
 @dataclass
 class SarsaLambdaConfig(QLearningConfig):
     """See `snnrl.agents.agents.SarsaLambda`."""
 
-    trace: float = number(least=0.0, most=1.0)
+    trace: float = key("decay of the eligibility trace (lambda)", least=0.0, most=1.0)
 
 
 @dataclass
 class ReinforceConfig:
     """See `snnrl.agents.agents.Reinforce`."""
 
-    bins: int = number(least=1, most=100)
-    rate: float = number(above=0.0)
-    discount: float = number(least=0.0, most=1.0)
+    bins: int = key("into which a sensor's value is divided", least=1, most=100)
+    rate: float = key("of learning", above=0.0)
+    discount: float = key("of the credit of earlier choices, for each tick", least=0.0, most=1.0)
 
 
 @dataclass
 class BaselinesConfig:
-    """A comparison of agents: each task is what one would give to `snnrl.run`.
+    """A comparison of agents: each task is what one would give to `snnrl.run`."""
 
-    `trials` and `seconds` are those of each task unless given.
-    """
-
-    tasks: dict[str, list[str]] = table()
-    agents: list[str] = MISSING
-    braitenberg: BraitenbergConfig = field(default_factory=BraitenbergConfig)
-    q_learning: QLearningConfig = field(default_factory=QLearningConfig)
-    sarsa_lambda: SarsaLambdaConfig = field(default_factory=SarsaLambdaConfig)
-    reinforce: ReinforceConfig = field(default_factory=ReinforceConfig)
-    trials: int | None = number(None, least=1, most=10_000_000)
-    seconds: float | None = number(None, above=0.0, most=1e9)
-    seed: int = number(0, least=0, most=2**63 - 1)
-    samples: int = number(least=1, most=1_000_000)  # points in time of each task's series
+    tasks: dict[str, list[str]] = key("what is given to `snnrl run` for each", default=dict)
+    agents: list[str] = key("names of those that are compared")
+    braitenberg: BraitenbergConfig = key("a vehicle with fixed wires", default=BraitenbergConfig)
+    q_learning: QLearningConfig = key("a table of values", default=QLearningConfig)
+    sarsa_lambda: SarsaLambdaConfig = key("a table of values with traces", default=SarsaLambdaConfig)
+    reinforce: ReinforceConfig = key("a table of preferences", default=ReinforceConfig)
+    trials: int | None = key("of each task; null for its own", "", None, least=1, most=10_000_000)
+    seconds: float | None = key("simulated, of each trial; null for the task's own", "s", None, above=0.0, most=1e9)
+    seed: int = key("of all random numbers, with the trial's number", "", 0, least=0, most=2**63 - 1)
+    samples: int = key("points in time of each task's series", least=1, most=1_000_000)
 
 
 def no_such_key(key: str, known: Iterable[str]) -> str:
@@ -499,6 +500,15 @@ def no_such_key(key: str, known: Iterable[str]) -> str:
 def bounds_of(config: Any, name: str) -> Mapping[str, Any]:
     """The bounds of a dataclass's field."""
     return next(item.metadata for item in dataclasses.fields(config) if item.name == name)
+
+
+def allowed(bounds: Mapping[str, Any]) -> str:
+    """What a field's bounds allow, in words; nothing where it has none."""
+    if bounds.get("choices"):
+        return f"one of {', '.join(bounds['choices'])}"
+    return " and ".join(
+        f"{text} {bounds[kind]:g}" for kind, (text, _) in LIMITS.items() if bounds.get(kind) is not None
+    )
 
 
 def check_bounds(config: Any, key: str = "") -> None:
@@ -548,17 +558,12 @@ def _check(name: str, value: Any, bounds: Any) -> None:
     if isinstance(value, float) and not math.isfinite(value):
         raise ConfigError(name, value, "must be a finite number")
     if (choices := bounds.get("choices")) and value not in choices:
-        raise ConfigError(name, value, f"must be one of {', '.join(choices)}")
+        raise ConfigError(name, value, f"must be {allowed(bounds)}")
     if isinstance(value, dict):
         raise ConfigError(name, value, "must be a single value")
-    if isinstance(value, list) and not all(isinstance(part, bounds.get("of", str)) for part in value):
-        raise ConfigError(name, value, f"must be a list of {'whole numbers' if 'of' in bounds else 'names'}")
+    if isinstance(value, list) and not all(isinstance(part, bounds.get("of") or str) for part in value):
+        raise ConfigError(name, value, f"must be a list of {'whole numbers' if bounds.get('of') is int else 'names'}")
     if value is None or isinstance(value, (str, list)):
         return
-    limits = [
-        (f"greater than {bounds['above']:g}", value > bounds["above"]) if bounds.get("above") is not None else None,
-        (f"at least {bounds['least']:g}", value >= bounds["least"]) if bounds.get("least") is not None else None,
-        (f"at most {bounds['most']:g}", value <= bounds["most"]) if bounds.get("most") is not None else None,
-    ]
-    if not all(limit[1] for limit in limits if limit):
-        raise ConfigError(name, value, "must be " + " and ".join(limit[0] for limit in limits if limit))
+    if not all(holds(value, bounds[kind]) for kind, (_, holds) in LIMITS.items() if bounds.get(kind) is not None):
+        raise ConfigError(name, value, f"must be {allowed(bounds)}")

@@ -40,7 +40,7 @@ def blocks(path: Path) -> list[tuple[str, str, str]]:
 def commands(text: str, arguments: str) -> list[str]:
     """The lines of a shell block without their comments, with the arguments appended where a run begins."""
     lines = [line.partition("  #")[0].strip() for line in text.replace("\\\n", "").splitlines()]
-    return [f"{line} {arguments}" if "+experiment" in line else line for line in lines if line]
+    return [f"{line} {arguments}" if "experiment=" in line else line for line in lines if line]
 
 
 @pytest.mark.parametrize("path", [path for path in RUNNABLE if blocks(path)], ids=name)

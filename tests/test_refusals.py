@@ -127,9 +127,10 @@ def test_an_override_that_fits_is_not_blamed_for_another() -> None:
         composed(*fitting, "trials=many")
 
 
-def test_without_a_default_the_plus_is_asked_for() -> None:
-    with pytest.raises(ConfigError, match=r"^experiment: has no default, write \+experiment=orbit$"):
-        compose_config("experiment=orbit")
+def test_an_experiment_needs_no_plus() -> None:
+    assert compose_config("experiment=orbit", "seed=3") == compose_config("+experiment=orbit", "seed=3")
+    with pytest.raises(ConfigError, match=r"^experiment=obrit: must be one of changing_world, "):
+        compose_config("experiment=obrit")
 
 
 FILES = [  # what an experiment's file has after its first lines, and what is said of it

@@ -53,6 +53,24 @@ def _composed(name: str, overrides: Sequence[str]) -> Any:
         GlobalHydra.instance().hydra = running
 
 
+def outline(*overrides: str, config: str = "config", folder: str | None = None) -> dict[str, Any]:
+    """What a command line would compose, as plain values that need not be complete: "???" is missing, ${...} refers.
+
+    Args:
+        config: name of the configuration that it is.
+        folder: of further files, as `--config-dir` gives it.
+
+    Raises:
+        ConfigError: it cannot be composed.
+    """
+    further = [f"hydra.searchpath=[file://{Path(folder).resolve()}]"] if folder else []
+    with guarded(), hydra.initialize_config_dir(conf_dir(), version_base="1.3"):
+        composed = hydra.compose(config, overrides=[*further, *overrides])
+    found = OmegaConf.to_container(composed, resolve=False)
+    assert isinstance(found, dict)
+    return {str(name): value for name, value in found.items()}
+
+
 def load(path: Path) -> Config:
     """The configuration that a run folder's config.yaml holds.
 

@@ -12,7 +12,7 @@ import hydra._internal.hydra as made
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 from hydra._internal.config_repository import CachingConfigRepository
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.override_parser.types import Override
+from hydra.core.override_parser.types import Override, OverrideType
 from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -102,6 +102,8 @@ class Loader(ConfigLoaderImpl):
         parsed, files = super()._parse_overrides_and_create_caching_repo(config_name, overrides)
         for override in parsed:
             key, value, is_group = override.key_or_group, override.value(), files.group_exists(override.key_or_group)
+            if key == "experiment" and override.type == OverrideType.CHANGE and not isinstance(value, dict):
+                override.type = OverrideType.ADD  # the one group without a default, which nobody need know
             if not key:
                 raise Refusal(f"{override.input_line}: {OVERRIDE}")
             if override.is_sweep_override():

@@ -26,7 +26,6 @@ SCALARS: dict[Any, tuple[Any, str]] = {
 OVERRIDE = "must be KEY=VALUE, +KEY=VALUE or ~KEY, with all brackets and quotes closed"
 HYDRA = (  # what it says, and what that means
     (r"Error parsing override '(.*?)' (Unknown function .*|\w+ while evaluating .*) See https.*", r"\1: \2"),
-    (r".*Could not override '(.*)'\. No match in the defaults list\..* use (.*)", r"\1: has no default, write \2"),
     (r"Could not override '(.*)'\. To append to your config use (.*)", r"\1: is not there; to add it write \2"),
     (r"(\S*) appears more than once in .* defaults list", r"\1: is chosen already; to choose another write \1=NAME"),
     (r"Error merging override ~(.*)", r"~\1: cannot be left out"),

@@ -198,7 +198,8 @@ def _joined(projection: Projection, rows: Sequence[int], pre: np.ndarray, post: 
     """The synapses between some neurons in some rows of the batch, and where they stand in [b, pre, post], laid out."""
     places = []
     ends = projection.trial, projection.pre_index, projection.post_index
-    for end, size, chosen in zip(ends, projection.shape, (rows, pre, post), strict=True):
+    wanted: tuple[Any, ...] = rows, pre, post
+    for end, size, chosen in zip(ends, projection.shape, wanted, strict=True):
         place = torch.full((size,), -1, device=end.device)
         place[torch.as_tensor(chosen, device=end.device)] = torch.arange(len(chosen), device=end.device)
         places.append(place[end])

@@ -108,13 +108,17 @@ def report(recording: Recording, original: Original, folder: Path) -> None:
     print(f"  results             {folder}")
 
 
+def parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("run", type=Path, metavar="RUN_FOLDER")
+    made.add_argument("--trial", type=int, required=True, help="its number in the run")
+    made.add_argument("--from", type=float, default=0.0, dest="start", metavar="S", help="simulated s (default 0)")
+    made.add_argument("--to", type=float, dest="end", metavar="S", help="simulated s (default: 30 s later)")
+    return made
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, metavar="RUN_FOLDER")
-    parser.add_argument("--trial", type=int, required=True, help="its number in the run")
-    parser.add_argument("--from", type=float, default=0.0, dest="start", metavar="S", help="simulated s (default 0)")
-    parser.add_argument("--to", type=float, dest="end", metavar="S", help="simulated s (default: 30 s later)")
-    options = parser.parse_args(arguments)
+    options = parser().parse_args(arguments)
     try:
         replay(options.run, options.trial, options.start, options.end)
     except FORESEEN as error:

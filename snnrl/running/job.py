@@ -167,23 +167,24 @@ def simulate(
     engine = WatchedEngine(engine, monitors) if monitors else engine
     wall = saved.wall if saved else 0.0
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds, wall)
-    with progress.preparing():
-        engine.prepare(simulation.network, simulation.situation, lambda: progress.say("compiling, once"))
+    with progress.preparing() as compiling:
+        engine.prepare(simulation.network, simulation.situation, compiling)
     done, pace = int(simulation.network.time) // simulation.tick, Pace()
-    while done < schedule.end:
-        ticks = min(pace.ticks, schedule.left(done))
-        with pace:
-            _advance(simulation, engine, ticks, recorder, schedule.filmed(done))
-        done += ticks
-        due = schedule.due(done)
-        _record(recorder, due, progress)
-        if due.checkpoint or signals.received:
-            state = Checkpoint(settings(config), simulation.state_dict(), recorder.state_dict(), progress.wall)
-            checkpoint.save(folder, state)
-        if signals.received:
-            at = f"at {simulation.seconds:g} of {config.seconds:g} s"
-            raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
-        yield simulation.seconds
+    with progress.running(simulation.seconds):
+        while done < schedule.end:
+            ticks = min(pace.ticks, schedule.left(done))
+            with pace:
+                _advance(simulation, engine, ticks, recorder, schedule.filmed(done))
+            done += ticks
+            due = schedule.due(done)
+            _record(recorder, due, progress)
+            if due.checkpoint or signals.received:
+                state = Checkpoint(settings(config), simulation.state_dict(), recorder.state_dict(), progress.wall)
+                checkpoint.save(folder, state)
+            if signals.received:
+                at = f"at {simulation.seconds:g} of {config.seconds:g} s"
+                raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
+            yield simulation.seconds
     wall = progress.wall
     results, alarms = recorder.save()
     write_json(folder / "summary.json", _summary(config, simulation, engine, overrides, results, alarms, wall))

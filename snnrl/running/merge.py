@@ -245,12 +245,16 @@ def as_parquet(table: Sequence[dict[str, Any]]) -> bytes:
     return buffer.getvalue()
 
 
+def parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("runs", nargs="+", type=Path)
+    made.add_argument("--latest", action="store_true", help="of runs that repeat a trial, the newest counts")
+    made.add_argument("-o", "--output", type=Path, help="a .csv or .parquet file; otherwise CSV is printed")
+    return made
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", nargs="+", type=Path)
-    parser.add_argument("--latest", action="store_true", help="of runs that repeat a trial, the newest counts")
-    parser.add_argument("-o", "--output", type=Path, help="a .csv or .parquet file; otherwise CSV is printed")
-    arguments = parser.parse_args()
+    arguments = parser().parse_args()
     try:
         table, incomplete = collect(arguments.runs, arguments.latest)
         for folder in incomplete:

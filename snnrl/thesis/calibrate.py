@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+import torch
 
 from snnrl.files import csv_of, write, write_json
 from snnrl.thesis.box import FREE, STARTS, Choice, Free, present
@@ -175,19 +176,24 @@ def _text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=40, help="points to add to the study")
-    parser.add_argument("--trials", type=int, default=16, help="trials a cell and point")
-    parser.add_argument("--study", type=Path, default=Path("runs/calibration.db"))
-    parser.add_argument("--finalists", type=int, metavar="N", help="judge the N best points again instead")
-    parser.add_argument("--sensitivity", action="store_true", help="vary the values in conf/ one at a time instead")
-    parser.add_argument(
+def parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--points", type=int, default=40, help="points to add to the study")
+    made.add_argument("--trials", type=int, default=16, help="trials a cell and point")
+    made.add_argument("--study", type=Path, default=Path("runs/calibration.db"))
+    made.add_argument("--finalists", type=int, metavar="N", help="judge the N best points again instead")
+    made.add_argument("--sensitivity", action="store_true", help="vary the values in conf/ one at a time instead")
+    made.add_argument(
         "--record",
         metavar="NOTE",
         help=f"write the studies, and a note, to {CALIBRATION.name} and {POINTS.name} instead",
     )
-    arguments = parser.parse_args(words)
+    return made
+
+
+@torch.no_grad()
+def main(words: Sequence[str] | None = None) -> None:
+    arguments = parser().parse_args(words)
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     fit, finalists, sensitivity = (
         optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)

@@ -24,6 +24,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import torch
+
 from snnrl.configuration.compose import compose
 from snnrl.errors import ConfigError
 from snnrl.recording.runs import Run
@@ -120,7 +122,7 @@ def code_version() -> str:
     digest = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         name = path.relative_to(package).as_posix()
-        if not name.startswith(("thesis/", "reproduce.py", "calibrate.py", "search.py")):
+        if not name.startswith(("thesis/", "command/", "reproduce.py", "calibrate.py", "search.py")):
             digest.update(name.encode() + path.read_bytes())
     return digest.hexdigest()[:16]
 
@@ -193,14 +195,19 @@ def reproduce(seed: int, quick: bool, only: str | None = None) -> Path:
     return folder
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="everything at small size, in under two minutes")
+def parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--quick", action="store_true", help="everything at small size, in under two minutes")
     experiments = (*ROBOTS, "stdp_search")
-    parser.add_argument("--only", choices=experiments, metavar="EXPERIMENT", help=f"one of {', '.join(experiments)}")
-    parser.add_argument("--seed", type=int, default=0, help="of all runs (default 0)")
-    parser.add_argument("--results", type=Path, help="folder for the report in small form: Markdown, JSON, figures")
-    options = parser.parse_args(arguments)
+    made.add_argument("--only", choices=experiments, metavar="EXPERIMENT", help=f"one of {', '.join(experiments)}")
+    made.add_argument("--seed", type=int, default=0, help="of all runs (default 0)")
+    made.add_argument("--results", type=Path, help="folder for the report in small form: Markdown, JSON, figures")
+    return made
+
+
+@torch.no_grad()
+def main(arguments: Sequence[str] | None = None) -> None:
+    options = parser().parse_args(arguments)
     try:
         folder = reproduce(options.seed, options.quick, options.only)
     except ConfigError as error:

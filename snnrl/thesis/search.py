@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import optuna
+import torch
 
 from snnrl.configuration.compose import compose
 from snnrl.schema import FOOD
@@ -51,12 +52,17 @@ def search(study: optuna.Study, points: int, trials: int, options: Mapping[str, 
     study.optimize(objective, n_trials=points)
 
 
+def parser() -> argparse.ArgumentParser:
+    made = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    made.add_argument("--points", type=int, default=40, help="points to add to the study")
+    made.add_argument("--trials", type=int, default=15, help="trials a point")
+    made.add_argument("--study", type=Path, default=Path("runs/stdp_search.db"))
+    return made
+
+
+@torch.no_grad()
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--points", type=int, default=40, help="points to add to the study")
-    parser.add_argument("--trials", type=int, default=15, help="trials a point")
-    parser.add_argument("--study", type=Path, default=Path("runs/stdp_search.db"))
-    arguments = parser.parse_args()
+    arguments = parser().parse_args()
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     study = optuna.create_study(
         storage=f"sqlite:///{arguments.study}", study_name="stdp_search", direction="maximize", load_if_exists=True
