@@ -53,7 +53,14 @@ ARRIVAL = ("network.plasticity.potentiation_from", "arrival")
 # What has come near in other searches, over the values in conf/.
 STARTS: tuple[Mapping[str, Any], ...] = (
     {},
-    {"network.plasticity.simultaneous": "depresses"},
+    {
+        "network.plasticity.simultaneous": "potentiates",
+        "network.synaptic_gain": 2.8,
+        "network.dopamine.tau": 28.0,
+        "coding.exploration_gain": 1.0,
+        "coding.range_gain": 2.0,
+        "coding.touch_gain": 4.0,
+    },
     {
         "network.plasticity.simultaneous": "depresses",
         "network.homeostasis.count_absent": True,
