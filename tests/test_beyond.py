@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from snnrl.beyond import changing_world, command
+from snnrl.beyond import chain, changing_world, command
+from snnrl.beyond.chain import learning_time
 from snnrl.beyond.changing_world import REACHED, WINDOW, relearning, since_swap
 from snnrl.beyond.course import Course, follow
 from snnrl.beyond.page import BEGIN, END
@@ -83,6 +84,27 @@ def test_a_page_gets_its_table_and_figure(
     assert found.count("| 60 s |") == 2
     assert (tmp_path / "page.png").read_bytes().startswith(b"\x89PNG")
     assert "sarsa lambda" in capsys.readouterr().out
+
+
+def test_what_moves_dopamine_is_weighed_over_the_synapses_that_are_there() -> None:
+    world = ("+experiment=chain", "seconds=0.7", "+robot.weights.key_dopamine=3")
+    found = follow("learning", 0.7, OPTIONS, *world, "robot.fixed=[key_dopamine]", *SMALL)
+    assert found.weights["key_dopamine"].tolist() == pytest.approx([3.0, 3.0])
+    assert follow("sarsa_lambda", 0.7, OPTIONS, "+experiment=chain", "seconds=0.7", *SMALL).weights == {}
+
+
+def test_a_chain_is_learnt_at_half_of_what_a_wired_robot_collects() -> None:
+    wired, slow = course([1.0] * 12), course([0.0] * 6 + [0.6] * 6)
+    assert learning_time(slow, wired).tolist() == [110.0]  # 5 of 6 spans at 0.6
+    assert np.isnan(learning_time(course([0.4] * 12), wired)).all()
+
+
+def test_every_chain_is_run_by_every_agent(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chain, "SECONDS", 14.0)
+    monkeypatch.setattr(chain, "EVERY", 1.4)
+    rows = chain.make(SMALL, 1.0).table.splitlines()
+    assert len(rows) == 2 + len(chain.CHAINS) * len(chain.AGENTS)
+    assert sum(row.startswith("| key, container, food | learning |") for row in rows) == 1
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,7 @@ MAY_IMPORT = {
     "running": "errors schema files intervals engines simulation configuration recording",
     "agents": "errors schema files intervals model body engines configuration drawing running",
     "replay": "errors schema files model engines simulation configuration drawing recording running",
-    "beyond": "errors schema files intervals configuration drawing running agents",
+    "beyond": "errors schema files intervals model body engines configuration drawing running agents",
     "thesis": "errors schema files intervals model body engines simulation configuration drawing recording running",
 }
 COMMANDS = {"command", "run", "reproduce", "calibrate", "search", "collect", "environments"}

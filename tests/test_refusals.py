@@ -83,12 +83,12 @@ def test_what_is_there_is_changed_by_a_table_too() -> None:
         ("foo=bar", f"foo=bar: no such key; allowed here: {KEYS}"),
         ("+foo=bar", f"foo=bar: no such key; allowed here: {KEYS}"),
         ("nogroup/x=y", f"nogroup/x=y: no such key; allowed here: {KEYS}"),
-        ("world=nothing", "world=nothing: must be one of food_container, food_only, food_poison"),
+        ("world=nothing", "world=nothing: must be one of chain, food_container, food_only, food_poison"),
         ("hydra/launcher=nothing", "hydra/launcher=nothing: must be one of basic"),
         (
             "network=3",
-            "network=3: must be one of food_container, food_only, food_poison, food_taxis_given, izhikevich_2007; "
-            "~network leaves it out",
+            "network=3: must be one of chain, food_container, food_only, food_poison, food_taxis_given, "
+            "izhikevich_2007; ~network leaves it out",
         ),
         ("robot=null", "robot=None: must be one of benchmark"),
         ("+world=food_only", "world: is chosen already; to choose another write world=NAME"),

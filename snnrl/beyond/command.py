@@ -17,12 +17,15 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import changing_world
+from snnrl.beyond import chain, changing_world
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
 
-EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {"changing_world": changing_world.make}
+EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
+    "changing_world": changing_world.make,
+    "chain": chain.make,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

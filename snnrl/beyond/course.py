@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
 import torch
 from numpy.lib.stride_tricks import sliding_window_view
 
-from snnrl.agents.baselines import agent_robot, spiking_robot
+from snnrl.agents.baselines import agent_robot
+from snnrl.body.world import World
+from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
+from snnrl.engines import make_engine
 from snnrl.intervals import student
-from snnrl.schema import BaselinesConfig
+from snnrl.model.network import Network
+from snnrl.model.synapses import Projection
+from snnrl.schema import BaselinesConfig, Config
 
 
 @dataclass(frozen=True)
@@ -24,12 +30,14 @@ class Course:
         every: length of a span, s.
         touches: int64 [T, B], by kind: how often each trial touched one in each span.
         signs: [T], by kind: what that was worth.
+        weights: [B], mV, by role: the mean weight of the synapses with that role at the end; none of agents without.
     """
 
     agent: str
     every: float
     touches: dict[str, np.ndarray]
     signs: dict[str, np.ndarray]
+    weights: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def time(self) -> np.ndarray:
@@ -48,8 +56,9 @@ def follow(agent: str, every: float, options: BaselinesConfig, *overrides: str) 
     those of the configuration.
     """
     config = compose(*overrides)
+    network = None
     if agent in config.experiment.robots:
-        world, advance = spiking_robot(compose(*overrides, f"robot={agent}"))
+        world, advance, network = _spiking(compose(*overrides, f"robot={agent}"))
     else:
         world, advance = agent_robot(config, agent, options)
     tick = config.body()[0].tick  # ms
@@ -67,7 +76,27 @@ def follow(agent: str, every: float, options: BaselinesConfig, *overrides: str) 
         every,
         {kind: touches[..., k] for k, kind in enumerate(names)},
         {kind: signs[:, k] for k, kind in enumerate(names)},
+        {} if network is None else _weights(network),
     )
+
+
+def _spiking(config: Config) -> tuple[World, Callable[[int], None], Network]:
+    """The world of a robot, what runs it for so many ticks, and its network."""
+    simulation = build(config)
+    engine = make_engine(config.engine, config.device, config.threads)
+    return simulation.situation.world, lambda ticks: simulation.run(engine, ticks), simulation.network
+
+
+def _weights(network: Network) -> dict[str, np.ndarray]:
+    found: dict[str, list[Projection]] = {}
+    for projection in network.projections.values():
+        found.setdefault(projection.role, []).append(projection)
+    weights = {}
+    for role, projections in found.items():
+        trial, weight = (torch.cat([getattr(p, key) for p in projections]) for key in ("trial", "weight"))
+        total = torch.bincount(trial, weight.double(), network.trials)
+        weights[role] = (total / torch.bincount(trial, minlength=network.trials)).numpy()
+    return weights
 
 
 def first_time(rate: np.ndarray, every: float, window: int, wanted: float) -> np.ndarray:

@@ -16,7 +16,13 @@ from snnrl.errors import ConfigError
 from snnrl.files import write
 from snnrl.intervals import student_half
 
-COLOURS = {**ROBOTS, **baselines.COLOURS, "learning": baselines.COLOURS[baselines.SPIKING]}
+COLOURS = {
+    **ROBOTS,
+    **baselines.COLOURS,
+    "learning": baselines.COLOURS[baselines.SPIKING],
+    "no_moving_dopamine": ROBOTS["no_container_dopamine"],
+    "fixed_dopamine": ROBOTS["fixed_container_dopamine"],
+}
 BEGIN, END = "<!-- begin table -->\n", "<!-- end table -->\n"
 
 
