@@ -2,33 +2,43 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-READY := $(VENV)/ready
+INSTALL := $(BIN)/pip install --quiet --constraint constraints.txt
+# what the main job needs and no more, and what developers need
+RUNNING := $(VENV)/running
+TESTING := $(VENV)/testing
 
 .PHONY: run test lint types unit bench clean
 
-run: $(READY)  ## the main job: a robot learns to find containers and the food in them
-	$(BIN)/python -m snnrl.run +experiment=dual_learning
+run: $(RUNNING)  ## the main job: a robot learns to find containers and the food in them
+	$(BIN)/snnrl run experiment=dual_learning
 
 test: lint types unit  ## everything that must pass
 
-lint: $(READY)
+lint: $(TESTING)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 
-types: $(READY)
+types: $(TESTING)
 	$(BIN)/mypy
 
-unit: $(READY)
+unit: $(TESTING)
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 
-bench: $(READY)
+bench: $(TESTING)
 	$(BIN)/python tools/bench.py
 
-$(READY): pyproject.toml constraints.txt
+$(VENV)/torch: constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/pip install --quiet "$$(grep '^torch==' constraints.txt)"
-	$(BIN)/pip install --quiet --constraint constraints.txt --editable ".[test]"
-	touch $(READY)
+	touch $@
+
+$(RUNNING): pyproject.toml $(VENV)/torch
+	$(INSTALL) --editable ".[dashboards]"
+	touch $@
+
+$(TESTING): pyproject.toml $(VENV)/torch
+	$(INSTALL) --editable ".[test]"
+	touch $@
 
 clean:
 	rm -rf $(VENV)

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from snnrl.errors import ConfigError
+from snnrl.extras import demand
 from snnrl.running import jobs
 from snnrl.running.command import hydra_job, launch
 
@@ -27,7 +28,8 @@ def main() -> None:
         if resumed:
             jobs.resume(Path(resumed[0]))
         elif chosen := [argument for argument in arguments if argument in BASELINES]:
-            from snnrl.agents import baselines  # which brings matplotlib
+            demand("snnrl.run", "figures")
+            from snnrl.agents import baselines
 
             sys.argv.remove(chosen[0])
             hydra_job(baselines.job, "baselines")

@@ -55,7 +55,7 @@ def test_the_package_has_the_command() -> None:
 
 def test_help_lists_every_command(tmp_path: Path) -> None:
     told = lines(snnrl(tmp_path, "--help"))
-    for name, (line, module) in COMMANDS.items():
+    for name, (line, module, _) in COMMANDS.items():
         assert any(text.split() == [name, *line.split()] for text in told), name
         assert callable(import_module(module).main)
     for name in ("collect", "replay", "reproduce", "bench", "new"):

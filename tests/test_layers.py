@@ -10,6 +10,7 @@ from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import snnrl
+from snnrl.extras import EXTRAS
 
 PACKAGE = Path(snnrl.__file__).parent
 LONGEST = 50  # lines of a function
@@ -17,6 +18,7 @@ LONGEST = 50  # lines of a function
 # Each room and file at the top, lowest first, and what it may import of the others; commands may import anything.
 MAY_IMPORT = {
     "errors": "",
+    "extras": "",
     "schema": "errors",
     "files": "",
     "intervals": "",
@@ -27,10 +29,10 @@ MAY_IMPORT = {
     "simulation": "model engines",
     "configuration": "errors schema model body tasks simulation",
     "drawing": "schema intervals model body tasks",
-    "recording": "errors schema files model body tasks engines simulation drawing",
-    "running": "errors schema files intervals engines simulation configuration recording",
+    "recording": "errors schema extras files model body tasks engines simulation drawing",
+    "running": "errors schema extras files intervals engines simulation configuration recording",
     "agents": "errors schema files intervals model body engines configuration drawing running",
-    "replay": "errors schema files model engines simulation configuration drawing recording running",
+    "replay": "errors schema extras files model engines simulation configuration drawing recording running",
     "beyond": "errors schema files intervals model body engines configuration drawing running agents",
     "thesis": "errors schema files intervals model body engines simulation configuration drawing recording running",
 }
@@ -198,7 +200,7 @@ def test_what_is_imported_is_declared_and_the_other_way_round() -> None:
     imported = {distribution(owners[name][0]) for name in modules - sys.stdlib_module_names}
     declared = set(map(distribution, project["dependencies"]))
     extras = {
-        distribution(name) for kind in ("calibration", "parquet") for name in project["optional-dependencies"][kind]
-    }
+        distribution(name) for kind in (*EXTRAS, "parquet") for name in project["optional-dependencies"][kind]
+    } - {"snnrl"}
     assert imported == declared | extras
     assert not declared & extras

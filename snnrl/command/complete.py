@@ -14,7 +14,7 @@ from snnrl.errors import ConfigError
 from snnrl.schema import Config
 
 
-def complete(prefix: str, parsed_args: Namespace, **_: Any) -> list[str]:
+def complete(prefix: str, parsed_args: Namespace, **asked: Any) -> list[str]:
     """All words that this one may become, for `argcomplete`: a key as far as its next dot, or its values."""
     folder, given = parsed_args.config_dir, list(parsed_args.overrides or [])
     bare = prefix.lstrip("+~")

@@ -6,6 +6,7 @@ import sys
 from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 from snnrl.command.choices import BASELINES, described, experiments, listing
 from snnrl.command.complete import complete
@@ -58,7 +59,7 @@ def find_keys(text: str, overrides: Sequence[str], folder: str | None = None) ->
     Raises:
         ConfigError: there is none.
     """
-    kind: type[Config] | type[BaselinesConfig] = Config
+    kind: type[Any] = Config
     config = "config"
     given = [override for override in overrides if override.lstrip("+") != f"experiment={BASELINES}"]
     if len(given) < len(overrides):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +12,13 @@ from PIL import Image
 from tensorboard.compat.proto.summary_pb2 import Summary
 from torch.utils.tensorboard import FileWriter, summary
 
-from snnrl.files import sync, write
+from snnrl.files import sync
 from snnrl.model.synapses import Projection
 from snnrl.recording.probes import ELIGIBILITY, WEIGHT
 
-OF_ROLE, ALARMS = "weight of role, mV", "alarms, trials"
+OF_ROLE = "weight of role, mV"
 WEIGHTS = "weights of all trials, mV"  # a tag of its own: TensorBoard takes one for one kind of data
 BINS = 60
-WITHOUT_EFFECT = ("threads", "record.", "checkpoint.")
 
 
 class Board:
@@ -113,33 +112,6 @@ class Board:
             self._writer.add_summary(summary.hparams({}, {})[2])
         self._writer.flush()  # unlike close, says so if an event could not be written
         self._writer.close()
-
-
-def keep_events(folder: Path, size: int) -> None:
-    """Keep the first `size` bytes of a folder's TensorBoard events, in one file that sorts before any later one.
-
-    Killed at any point and called again, it does the same: the bytes that are kept stay in front.
-    """
-    files = sorted(folder.glob("events.out.tfevents.*"))
-    kept = folder / "events.out.tfevents.0000000000.kept"
-    if size:
-        write(kept, b"".join(file.read_bytes() for file in files)[:size])
-    for file in files:
-        if file != kept or not size:
-            file.unlink()
-
-
-def choices(overrides: Iterable[str], **always: str | float) -> dict[str, str | float]:
-    """What a command line has chosen that may change a result, by key, numbers as such; and what there always is."""
-    chosen: dict[str, str | float] = {}
-    for override in overrides:
-        key, _, text = override.lstrip("+").partition("=")
-        if not key.startswith(WITHOUT_EFFECT):
-            try:
-                chosen[key] = float(text)
-            except ValueError:
-                chosen[key] = text
-    return {**chosen, **always}
 
 
 def layout(followed: Sequence[Projection]) -> dict[str, dict[str, tuple[str, list[str]]]]:

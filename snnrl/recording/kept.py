@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from snnrl.extras import lacks
 from snnrl.recording.criteria import correct
 from snnrl.recording.probes import Moment, Probe, followed, food, other_weights, probes_of
 from snnrl.simulation import Simulation
@@ -107,23 +108,31 @@ def end_of_task(simulation: Simulation[Task], series: Series) -> Ending:
     The series get, for the plastic weights of each trial but the watched one, a `histogram` [B, 40] with the `edges`
     [41] (mV).
     """
-    from snnrl.drawing import task_figures  # matplotlib takes a while
-
     task, most = simulation.situation, largest_weight(simulation)
     others = [weight.cpu().numpy() for weight in other_weights(simulation)]
     edges = np.linspace(0.0, most, BINS + 1)
     arrays = {"edges": edges, "histogram": np.stack([np.histogram(weight, edges)[0] for weight in others])}
     columns: dict[str, np.ndarray] = {key: series[key][-1] for key in ("rewards", "mean_weight")}
-    pictures = {}
     if task.coincidence is not None:
         columns |= reinforcement(series, others, TOP * most)
-        pictures["reinforcement.png"] = task_figures.draw_reinforcement({**series, **arrays})
     if task.stimuli is not None:
-        rewarded, window = task.stimuli.rewarded, task.stimuli.window
-        columns |= conditioning(series, rewarded)
-        pictures["conditioning.png"] = task_figures.draw_conditioning(series, rewarded, window)
+        columns |= conditioning(series, task.stimuli.rewarded)
+    pictures = {} if lacks("figures") else draw_task(task, {**series, **arrays})
     means = {key: float(values.mean()) for key, values in columns.items() if np.isfinite(values).all()}
     return Ending(columns, means, arrays, pictures)
+
+
+def draw_task(task: Task, series: Series) -> dict[str, bytes]:
+    """What came of a task as PNG files, by their names; needs the extra `figures`."""
+    from snnrl.drawing import task_figures
+
+    pictures = {}
+    if task.coincidence is not None:
+        pictures["reinforcement.png"] = task_figures.draw_reinforcement(series)
+    if task.stimuli is not None:
+        rewarded, window = task.stimuli.rewarded, task.stimuli.window
+        pictures["conditioning.png"] = task_figures.draw_conditioning(series, rewarded, window)
+    return pictures
 
 
 def largest_weight(simulation: Simulation[Any]) -> float:

@@ -4,22 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 
-from snnrl.drawing import snapshots
 from snnrl.files import csv_of, npz_of, write
 from snnrl.model.synapses import Projection
 from snnrl.recording.alarms import POINTS, Alarms
-from snnrl.recording.board import ALARMS, Board
+from snnrl.recording.events import ALARMS
 from snnrl.recording.film import PATH, Film
 from snnrl.recording.kept import Kept
 from snnrl.recording.monitors import Monitor
 from snnrl.recording.probes import Moment, Probe, counts, followed
 from snnrl.schema import RecordConfig
 from snnrl.simulation import Simulation
+
+if TYPE_CHECKING:
+    from snnrl.recording.board import Board
 
 
 class Recorder:
@@ -60,7 +62,7 @@ class Recorder:
         for monitor in monitors if state else ():
             monitor.load_state_dict(part["monitors"][monitor.name])
         metrics = [probe.tag for probe in kept.probes if probe.outcome]
-        self.board = Board(folder, self.followed, metrics) if config.tensorboard else None
+        self.board = None if not config.tensorboard else board_of(folder, self.followed, metrics)
         if state is None:
             if self.board is not None:
                 self.board.begin(choices or {})
@@ -140,6 +142,8 @@ class Recorder:
         """Show the first trial: where its robot has been, who has fired, its weights."""
         if self.board is None:
             return
+        from snnrl.drawing import snapshots  # of the extra `dashboards`
+
         network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
         shown = {
             f"last {PATH // 1000} s in the arena": snapshots.arena(world, self.film.path.numpy()),
@@ -178,6 +182,13 @@ class Recorder:
         if self.board is not None:
             self.board.end()
         return dict(ending.results), {} if self.alarms is None else self.alarms.summary()
+
+
+def board_of(folder: Path, followed: Sequence[Projection], metrics: Sequence[str]) -> Board:
+    """See `Board`; needs the extra `dashboards`."""
+    from snnrl.recording.board import Board
+
+    return Board(folder, followed, metrics)
 
 
 def _cell(value: float) -> str:

@@ -11,6 +11,7 @@ import json
 import platform
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,9 @@ from snnrl.configuration.builder import build
 from snnrl.configuration.compose import dump, load
 from snnrl.engines import Engine, make_engine
 from snnrl.engines.watched import WatchedEngine
+from snnrl.extras import lacks
 from snnrl.files import FolderError, finite, owned, write, write_json
-from snnrl.recording.board import choices, keep_events
+from snnrl.recording.events import choices, keep_events
 from snnrl.recording.kept import kept_of
 from snnrl.recording.monitors import Monitor, monitors_of
 from snnrl.recording.recorder import Recorder
@@ -160,6 +162,7 @@ def simulate(
     Time is advanced here and nowhere else: as far as the next thing that is due, or less, so that a signal is noticed.
     Yields the simulated s that are done, after each part.
     """
+    config, left_out = what_can_be_shown(config)
     overrides, kept = read_summary(folder)["overrides"], kept_of(simulation, config.experiment.correct)
     schedule = Schedule(config, simulation.tick, kept.watched)
     named = choices(overrides, experiment=config.experiment.name, robot=config.robot.name, seed=config.seed)
@@ -167,6 +170,8 @@ def simulate(
     engine = WatchedEngine(engine, monitors) if monitors else engine
     wall = saved.wall if saved else 0.0
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds, wall)
+    for line in left_out:
+        progress.say(line)
     with progress.preparing() as compiling:
         engine.prepare(simulation.network, simulation.situation, compiling)
     done, pace = int(simulation.network.time) // simulation.tick, Pace()
@@ -189,6 +194,17 @@ def simulate(
     results, alarms = recorder.save()
     write_json(folder / "summary.json", _summary(config, simulation, engine, overrides, results, alarms, wall))
     checkpoint.remove(folder)
+
+
+def what_can_be_shown(config: Config) -> tuple[Config, list[str]]:
+    """The configuration without the events that nothing here can write, and a line about all that is left out."""
+    lines = []
+    if config.record.tensorboard and (line := lacks("dashboards")):
+        lines.append(f"record.tensorboard=true: no events are written, which {line}")
+        config = replace(config, record=replace(config.record, tensorboard=False))
+    if config.task is not None and (line := lacks("figures")):
+        lines.append(f"no figure is drawn, which {line}")
+    return config, lines
 
 
 def _advance(simulation: Simulation[Any], engine: Engine, ticks: int, recorder: Recorder, filmed: bool) -> None:
