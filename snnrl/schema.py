@@ -58,8 +58,9 @@ def key(
 class NeuronConfig:
     """A neuron model and its parameters: each is value + spread * r^2 with r uniform in [0, 1) per neuron.
 
-    `model` is izhikevich, whose parameters are a, b, c + c_spread r^2, d + d_spread r^2, or a function of your own
-    (see `snnrl.model.neurons.NeuronModel`) as FILE.py:NAME or MODULE:NAME, whose are `parameters` and `spreads`.
+    `model` is izhikevich, whose parameters are a, b, c + c_spread r^2, d + d_spread r^2, or one whose are `parameters`
+    and `spreads`: time_cell, or a function of your own (see `snnrl.model.neurons.NeuronModel`) as FILE.py:NAME or
+    MODULE:NAME.
     """
 
     a: float | None = key("rate of the recovery u", "1/ms", None)
@@ -69,7 +70,9 @@ class NeuronConfig:
     c_spread: float = key("of c over the neurons", "mV", 0.0)
     d_spread: float = key("of d over the neurons", "current", 0.0)
     v: float = key("potential at the start", "mV")
-    model: Any = key("izhikevich, or a function of your own as FILE.py:NAME or MODULE:NAME", default="izhikevich")
+    model: Any = key(
+        "izhikevich, time_cell, or a function of your own as FILE.py:NAME or MODULE:NAME", default="izhikevich"
+    )
     parameters: dict[str, float] = key("values of an own model's parameters", default=dict)
     spreads: dict[str, float] = key("their spreads over the neurons", default=dict)
 
@@ -133,7 +136,10 @@ class PlasticityConfig:
         choices=("departure", "arrival"),
     )
     weight_min: float = key("lower bound of the weights", "mV", 0.0)
-    at_post: Any = key("what a pair adds at its postsynaptic spike", default="potentiate")
+    at_post: Any = key(
+        "what a pair adds at its postsynaptic spike: potentiate, or potentiate_later, most at tau_plus",
+        default="potentiate",
+    )
     at_pre: Any = key("what a pair adds at its presynaptic spike", default="depress")
     weight_rule: Any = key("how eligibility times dopamine changes a weight", default="hard_bounds")
     values: dict[str, float] = key("of further arguments of such functions", default=dict)
@@ -153,7 +159,9 @@ class ModulatorConfig:
     release: float = key("by each spike of a burst", "uM", 0.0)
     delay: int = key("from a burst to its release", "ms", 1, least=1, most=1000)
     threshold: int = key("spikes in one ms; it is a burst if there are more", "spikes", 0, least=0, most=2**31)
-    released: Any = key("how much is released", default="burst")
+    released: Any = key(
+        "how much is released: burst, or deviation, by all spikes less `tonic` ones per ms of values", default="burst"
+    )
     sources: dict[str, str] = key("groups that an own function counts, by the names of its arguments", default=dict)
     values: dict[str, float] = key("of its further arguments", default=dict)
     smoothing: float = key("decay of a mean over the spikes that it counts; 0 is none", "ms", 0.0, least=0.0)
@@ -276,6 +284,10 @@ class KindConfig:
         least=0.001,
         most=1e9,
     )
+    absent_from: float | None = key(
+        "from when on none is there to be sensed or taken; null for never", "s", None, least=0.0, most=1e9
+    )
+    absent_until: float | None = key("when all are there again; null for never", "s", None, least=0.0, most=1e9)
 
 
 @dataclass

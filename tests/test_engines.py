@@ -63,6 +63,7 @@ ROBOTS = {
         "coding.exploration_gain=1.45",
         "coding.exploration_drawn=each_tick",
     ],
+    "predicting": ["+experiment=extinction", "world.kinds.food.absent_from=2", "world.kinds.food.absent_until=4"],
     "poison": ["+experiment=food_attraction", "+robot.weights.food_attraction=2", "world.kinds.food.poison_from=0"],
 }
 

@@ -18,10 +18,10 @@ from snnrl.configuration.functions import function
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws, stream
 from snnrl.model.homeostasis import Homeostasis
-from snnrl.model.modulators import Modulator, burst
+from snnrl.model.modulators import Modulator, burst, deviation
 from snnrl.model.network import Network
 from snnrl.model.neurons import NeuronGroup
-from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate
+from snnrl.model.plasticity import Plasticity, depress, hard_bounds, potentiate, potentiate_later
 from snnrl.model.synapses import Projection
 from snnrl.schema import (
     CodingConfig,
@@ -104,7 +104,11 @@ def build_network(
 def _plasticity(key: str, config: PlasticityConfig) -> Plasticity:
     functions = {
         name: function(f"{key}.{name}", getattr(config, name), {own.__name__: own for own in owns})
-        for name, owns in (("at_post", (potentiate,)), ("at_pre", (depress,)), ("weight_rule", (hard_bounds,)))
+        for name, owns in (
+            ("at_post", (potentiate, potentiate_later)),
+            ("at_pre", (depress,)),
+            ("weight_rule", (hard_bounds,)),
+        )
     }
     given = {name: value for name, value in vars(config).items() if name != "potentiation_from"}
     try:
@@ -115,7 +119,7 @@ def _plasticity(key: str, config: PlasticityConfig) -> Plasticity:
 
 def _modulator(name: str, config: ModulatorConfig, draws: Draws, dtype: torch.dtype) -> Modulator:
     key = parts.modulator_key(name)
-    released = function(f"{key}.released", config.released, {"burst": burst})
+    released = function(f"{key}.released", config.released, {"burst": burst, "deviation": deviation})
     sources = {"count": config.source} if config.source is not None else dict(config.sources)
     values = {"release": config.release, "threshold": float(config.threshold), **config.values}
     try:

@@ -231,9 +231,11 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
             _one_of(f"world.kinds.{name}.avoids", avoided, ("robot", "containers"))
         if kind.sign == 0:
             raise ConfigError(f"world.kinds.{name}.sign", 0, "must be 1 or -1")
-        for key in ("poison_from", "turns_every"):
+        for key in ("poison_from", "turns_every", "absent_from"):
             if getattr(kind, key) is not None and kind.touched != "taken":
                 raise ConfigError(f"world.kinds.{name}.{key}", getattr(kind, key), "needs touched=taken")
+        if kind.absent_until is not None and (kind.absent_from is None or kind.absent_until <= kind.absent_from):
+            raise ConfigError(f"world.kinds.{name}.absent_until", kind.absent_until, "must be later than absent_from")
     first = next((kind for kind in world.kinds.values() if kind.count), None)
     if world.orbiting and not (first and first.touched == "taken" and coding.slow < coding.fast):
         raise ConfigError("world.orbiting", True, "needs a first kind that is taken, and coding.slow < coding.fast")

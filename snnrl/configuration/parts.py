@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from snnrl.configuration.functions import function
 from snnrl.errors import ConfigError
-from snnrl.model.neurons import IZHIKEVICH, NeuronModel
+from snnrl.model.neurons import IZHIKEVICH, TIME_CELL, NeuronModel
 from snnrl.model.synapses import DOPAMINE
 from snnrl.schema import (
     HomeostasisConfig,
@@ -43,7 +43,7 @@ def neuron_model(key: str, config: NeuronConfig) -> NeuronModel:
     Raises:
         ConfigError: there is no such model.
     """
-    found = function(f"{key}.model", config.model, {"izhikevich": IZHIKEVICH})
+    found = function(f"{key}.model", config.model, {"izhikevich": IZHIKEVICH, "time_cell": TIME_CELL})
     try:
         return found if isinstance(found, NeuronModel) else NeuronModel(found)
     except ValueError as error:

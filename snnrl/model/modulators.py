@@ -16,6 +16,11 @@ def burst(count: Tensor, release: float, threshold: float) -> Tensor:
     return torch.where(count > threshold, release * count, 0.0)
 
 
+def deviation(count: Tensor, release: float, tonic: float) -> Tensor:
+    """What `count` spikes of one ms release (uM) beyond `tonic` ones; less than nothing if they are fewer."""
+    return release * (count - tonic)
+
+
 def relax(level: Tensor, baseline: float, decay: float) -> Tensor:
     """The level (uM) one ms later, without any release."""
     return baseline + (level - baseline) * decay

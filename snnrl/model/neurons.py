@@ -35,6 +35,23 @@ def izhikevich_start(v: Tensor, a: Tensor, b: Tensor, c: Tensor, d: Tensor) -> t
     return v, b * v
 
 
+def time_cell(
+    v: Tensor, left: Tensor, current: Tensor, threshold: float, onset: Tensor, width: float, period: float
+) -> tuple[Tensor, Tensor, Tensor]:
+    """One ms of a cell that fires in a time field after an input (time cells: MacDonald et al. 2011, Neuron 71:737).
+
+    An input above `threshold` brings v to -onset (mV) and opens the field, which closes `width` ms after the onset; a
+    later one does so anew. While ms are `left`, v climbs by 1 mV a ms; at 0 the cell fires, and v falls by `period`.
+
+    Returns v, left and which cells fired, all of the inputs' shape.
+    """
+    started = current > threshold
+    v = torch.where(started, -onset, torch.where(left > 0.0, v + 1.0, v))
+    left = torch.where(started, onset + width, torch.where(left > 1.0, left - 1.0, 0.0))
+    fired = (v >= 0.0) & (left > 0.0)
+    return torch.where(fired, v - period, v), left, fired
+
+
 def uniform_noise(draw: Tensor, current: float, noise: float) -> Tensor:
     """Background current from a number uniform in [0, 1): `current`, and up to `noise` more or less."""
     return current + noise * (2.0 * draw - 1.0)
@@ -86,6 +103,7 @@ class NeuronModel:
 
 
 IZHIKEVICH = NeuronModel(izhikevich, izhikevich_start)
+TIME_CELL = NeuronModel(time_cell)
 
 
 class NeuronGroup(nn.Module):

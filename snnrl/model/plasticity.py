@@ -22,6 +22,11 @@ def potentiate(elapsed: Tensor, potentiation: float, tau_plus: float) -> Tensor:
     return potentiation * exp(elapsed / -tau_plus)
 
 
+def potentiate_later(elapsed: Tensor, potentiation: float, tau_plus: float) -> Tensor:
+    """As `potentiate`, but most at `tau_plus` ms and nothing at once: a spike's own answer does not strengthen it."""
+    return potentiation * (elapsed / tau_plus) * exp(1.0 - elapsed / tau_plus)
+
+
 def depress(elapsed: Tensor, depression: float, tau_minus: float) -> Tensor:
     """What a presynaptic spike adds to the eligibility, `elapsed` ms after the postsynaptic one (thesis 3.7)."""
     return -depression * exp(elapsed / -tau_minus)

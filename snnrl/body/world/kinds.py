@@ -28,6 +28,7 @@ class Kinds:
         effect: int64 [K], TAKEN or ENTERED. hides: bool [K], whether from inside only what it holds is sensed.
         sign: float64 [K], of what touching releases. turns, again: int64 [K], the ms at which that sign turns to the
             opposite, and those from one turn to the next.
+        leaves, returns: int64 [K], the ms from which none is there to be sensed or taken, and from which all are again.
         off_robot, apart: bool [K], whether none lands on the robot, and whether none overlaps what is entered.
         opens: bool [K, K], whether touching the first opens the second. locked: bool [K], whether it needs that.
         started, moved: [K], streams of the places at the start, and of those after a move.
@@ -48,6 +49,8 @@ class Kinds:
     sign: Tensor
     turns: Tensor
     again: Tensor
+    leaves: Tensor
+    returns: Tensor
     off_robot: Tensor
     apart: Tensor
     opens: Tensor
@@ -84,6 +87,8 @@ class Kinds:
             torch.tensor([float(kind.sign) for kind in kinds], dtype=torch.float64),
             torch.tensor([_ms(kind.turns_every if kind.poison_from is None else kind.poison_from) for kind in kinds]),
             torch.tensor([_ms(kind.turns_every) for kind in kinds]),
+            torch.tensor([_ms(kind.absent_from) for kind in kinds]),
+            torch.tensor([_ms(kind.absent_until) for kind in kinds]),
             torch.tensor(["robot" in kind.avoids for kind in kinds]),
             torch.tensor(["containers" in kind.avoids for kind in kinds]),
             opens,

@@ -31,6 +31,7 @@ class World(nn.Module):
         touches: int64 [B, K], how often each kind was touched.
         unlocked: bool [B, K], which kinds that need opening are open.
         sign: [B], of what is released: that of what was touched last.
+        absent: bool [B, K], which kinds are not there in this tick; not part of the state, as the time says it.
     """
 
     position: Tensor
@@ -40,6 +41,7 @@ class World(nn.Module):
     touches: Tensor
     unlocked: Tensor
     sign: Tensor
+    absent: Tensor
 
     def __init__(self, draws: Draws, config: WorldConfig, tick: int) -> None:
         super().__init__()
@@ -58,6 +60,7 @@ class World(nn.Module):
         self.register_buffer("touches", self.inside.new_zeros(trials, count))
         self.register_buffer("unlocked", torch.zeros(trials, count, dtype=torch.bool, device=device))
         self.register_buffer("sign", torch.ones_like(self.heading))
+        self.register_buffer("absent", torch.zeros_like(self.unlocked), persistent=False)
 
     def start_orbiting(self, slow: float, fast: float) -> None:
         """Put the robot on its orbit round the first object, anticlockwise (thesis 4.1).
@@ -150,8 +153,8 @@ class World(nn.Module):
         1. The robot moves, more slowly if it was inside an object.
         2. It is inside the object it was in, if it still is, else the nearest that it is in and that is open; or
            (`overlap: nearest`) the nearest of these in any case. Entering one is touching it.
-        3. Objects within touch are taken, and reappear elsewhere; a holder moves with what it holds, is locked
-           again, and the robot is outside.
+        3. Objects within touch are taken, unless they are absent, and reappear elsewhere; a holder moves with what it
+           holds, is locked again, and the robot is outside.
         4. What was touched opens what it opens, and gives what is released its sign.
 
         Args:
@@ -168,7 +171,9 @@ class World(nn.Module):
         dx, dy = self._way()
         touching = within(dx, dy, kinds.radius[kinds.kind])
         entered = self._enter(dx * dx + dy * dy, touching)
-        taken = touching & (kinds.effect[kinds.kind] == TAKEN) & (kinds.home == self._place()[:, None])
+        self.absent.copy_(((time >= kinds.leaves) & (time < kinds.returns)).expand_as(self.absent))
+        present = ~self.absent[:, kinds.kind]
+        taken = touching & present & (kinds.effect[kinds.kind] == TAKEN) & (kinds.home == self._place()[:, None])
         self._move(taken, time)
         touched = torch.zeros_like(self.touches).index_add_(1, kinds.kind, (taken | entered).long())
         self.touches += touched
@@ -241,7 +246,7 @@ class World(nn.Module):
         dx, dy = self._way()
         ahead, leftward = faces(dx, dy, cos(self.heading)[:, None], sin(self.heading)[:, None])
         seen = torch.tensor([name in sees for name in kinds.names], device=dx.device)[kinds.kind]
-        visible = ahead & seen & (kinds.home == self._place()[:, None])
+        visible = ahead & seen & ~self.absent[:, kinds.kind] & (kinds.home == self._place()[:, None])
         inner = kinds.radius[kinds.kind] * float(sensor.measured_to == "border")
         distance, which = torch.where(visible, distance_to(dx, dy, inner), torch.inf).min(1)
         value = range_value(distance, sensor.reach)

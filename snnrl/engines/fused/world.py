@@ -29,6 +29,7 @@ class WorldArrays(NamedTuple):
     touches: Any
     unlocked: Any
     sign: Any
+    absent: Any
     side: Any
     axle: Any
     seconds: Any  # of a tick
@@ -40,6 +41,8 @@ class WorldArrays(NamedTuple):
     signs: Any
     turns: Any
     again: Any
+    leaves: Any
+    returns: Any
     off_robot: Any
     apart: Any
     opens: Any
@@ -61,9 +64,10 @@ class WorldArrays(NamedTuple):
 def world_arrays(world: World, share: Callable[[Tensor], Any] = Tensor.numpy) -> WorldArrays:
     """Share memory with a world's tensors, which `share` makes arrays of."""
     kinds, config, sensors = world.kinds, world.config, list(world.config.ranges.values())
-    shared = {key: share(getattr(world, key)) for key in WorldArrays._fields[:7]}
+    shared = {key: share(getattr(world, key)) for key in WorldArrays._fields[:8]}
     kinds = kinds.to(torch.device("cpu"))
-    described = {key: np.asarray(getattr(kinds, key)) for key in WorldArrays._fields[10:28] if key != "signs"}
+    known = vars(kinds).keys() & set(WorldArrays._fields) - {*shared, "free"}
+    described = {key: np.asarray(getattr(kinds, key)) for key in known}
     sees = [[name in world.sees[sensor] for name in kinds.names] for sensor in config.ranges]
     return WorldArrays(
         **shared,
@@ -134,7 +138,7 @@ def take(world, seed, number, trial, time, touched):
     place = place_of(world, trial)
     for m in range(world.kind.shape[0]):
         k = world.kind[m]
-        if world.effect[k] != TAKEN or world.home[m] != place:
+        if world.effect[k] != TAKEN or world.home[m] != place or world.absent[trial, k]:
             continue
         dx, dy = way_to(world, trial, m)
         if within(dx, dy, world.radius[k]):
@@ -189,6 +193,8 @@ def step_world(world, seed, number, trial, left, right, time, touched):
     move(world, trial, left, right)
     touched[:] = 0
     enter(world, trial, touched)
+    for k in range(touched.shape[0]):
+        world.absent[trial, k] = world.leaves[k] <= time < world.returns[k]
     take(world, seed, number, trial, time, touched)
     sign, found = 1.0, False
     for k in range(touched.shape[0]):
@@ -208,7 +214,7 @@ def sense(world, trial, r):
     nearest, eye = np.inf, 0
     for m in range(world.kind.shape[0]):
         k = world.kind[m]
-        if not world.sees[r, k] or world.home[m] != place:
+        if not world.sees[r, k] or world.home[m] != place or world.absent[trial, k]:
             continue
         dx, dy = way_to(world, trial, m)
         inner = world.radius[k] * world.to_border[r]
