@@ -2,9 +2,8 @@
 
 from snnrl.extras import demand
 
-demand("snnrl.calibrate", "calibration")
-
-from snnrl.thesis.calibrate import main  # noqa: E402
-
 if __name__ == "__main__":
+    demand("snnrl.calibrate", "calibration")
+    from snnrl.thesis.calibrate import main
+
     main()

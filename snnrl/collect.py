@@ -2,9 +2,8 @@
 
 from snnrl.extras import demand
 
-demand("snnrl.collect", "statistics")
-
-from snnrl.running.merge import main  # noqa: E402
-
 if __name__ == "__main__":
+    demand("snnrl.collect", "statistics")
+    from snnrl.running.merge import main
+
     main()

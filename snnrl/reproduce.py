@@ -2,9 +2,8 @@
 
 from snnrl.extras import demand
 
-demand("snnrl.reproduce", "thesis")
-
-from snnrl.thesis.reproduce import main  # noqa: E402
-
 if __name__ == "__main__":
+    demand("snnrl.reproduce", "thesis")
+    from snnrl.thesis.reproduce import main
+
     main()

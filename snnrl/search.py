@@ -2,9 +2,8 @@
 
 from snnrl.extras import demand
 
-demand("snnrl.search", "calibration")
-
-from snnrl.thesis.search import main  # noqa: E402
-
 if __name__ == "__main__":
+    demand("snnrl.search", "calibration")
+    from snnrl.thesis.search import main
+
     main()

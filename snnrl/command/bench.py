@@ -11,6 +11,8 @@ import argparse
 import copy
 import statistics
 import time
+from collections.abc import Callable
+from typing import Any
 
 import torch
 
@@ -25,19 +27,19 @@ ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
 REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 
 
-def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
+def learnt(robot: str, trials: int, warm_up: float) -> Simulation[Any]:
     """A batch of robots that have learnt for `warm_up` simulated seconds."""
     simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}"))
     simulation.run(make_engine("fused", "cpu"), ticks_of(warm_up, simulation.tick))
     return simulation
 
 
-def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
+def speed(engine: Engine, simulation: Simulation[Any], seconds: float) -> float:
     """Trial-milliseconds per second of one run from a copy of the state."""
     fresh = copy.deepcopy(simulation)
     fresh.run(engine, 1)
     count = ticks_of(seconds, fresh.tick)
-    wait = torch.cuda.synchronize if fresh.network.device.type == "cuda" else lambda: None
+    wait: Callable[[], None] = torch.cuda.synchronize if fresh.network.device.type == "cuda" else lambda: None
     wait()
     started = time.perf_counter()
     fresh.run(engine, count)

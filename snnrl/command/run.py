@@ -33,14 +33,14 @@ def parser() -> ArgumentParser:
     made = ArgumentParser(
         description=USAGE, formatter_class=RawDescriptionHelpFormatter, allow_abbrev=False, add_help=False
     )
-    made.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="+KEY=VALUE adds, ~KEY leaves out")
+    overrides = made.add_argument("overrides", nargs="*", metavar="KEY=VALUE", help="+KEY=VALUE adds, ~KEY leaves out")
     made.add_argument("-h", "--help", action="store_true", help="show this")
     made.add_argument("--keys", nargs="?", const="", metavar="TEXT", help="list the keys that have TEXT in them")
     made.add_argument("-cd", "--config-dir", metavar="FOLDER", help="of further files of configuration")
     made.add_argument("-c", "--cfg", choices=("job", "hydra", "all"), help="show the configuration and do not run")
     made.add_argument("-m", "--multirun", action="store_true", help="a sweep over KEY=A,B,C")
     made.add_argument("--hydra-help", action="store_true", help="Hydra's further options")
-    vars(made._get_positional_actions()[0])["completer"] = complete
+    vars(overrides)["completer"] = complete  # as argcomplete has it
     return made
 
 

@@ -87,9 +87,10 @@ def load(path: Path) -> Config:
     if found := misfit(Config, OmegaConf.to_container(saved, resolve=False)):
         raise Refusal(f"{path}: {found}")
     try:
-        return plain(OmegaConf.merge(OmegaConf.structured(Config), saved))  # type: ignore[arg-type]
+        config: Config = plain(OmegaConf.merge(OmegaConf.structured(Config), saved))  # type: ignore[arg-type]
     except OmegaConfBaseException as error:
         raise Refusal(f"{path}: {reason(error)}") from error
+    return config
 
 
 def dump(config: Config) -> str:
