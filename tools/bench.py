@@ -17,7 +17,6 @@ whole run of `--recorded` s its recording takes at its defaults, without imports
 from __future__ import annotations
 
 import argparse
-import copy
 import io
 import json
 import math
@@ -37,41 +36,18 @@ import torch
 from limit import limit_of
 
 import snnrl.environments  # noqa: F401  # which registers them
+from snnrl.command.bench import REFERENCE_SECONDS, ROBOTS, learnt, speed
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
 from snnrl.errors import ConfigError
 from snnrl.files import write_json
 from snnrl.running.job import simulate
-from snnrl.running.schedule import ticks_of
 from snnrl.running.signals import Signals
-from snnrl.simulation import Simulation
 
-ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
-REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 ENVIRONMENTS = ("snnrl/Foraging-v0", "snnrl/FoodContainers-v0")
 BATCHES = (1, 256)  # environments at once
 SLOWER = 25  # times fewer steps of the reference
-
-
-def learnt(robot: str, trials: int, warm_up: float) -> Simulation:
-    """A batch of robots that have learnt for `warm_up` simulated seconds."""
-    simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}"))
-    simulation.run(make_engine("fused", "cpu"), ticks_of(warm_up, simulation.tick))
-    return simulation
-
-
-def speed(engine: Engine, simulation: Simulation, seconds: float) -> float:
-    """Trial-milliseconds per second of one run from a copy of the state."""
-    fresh = copy.deepcopy(simulation)
-    fresh.run(engine, 1)
-    count = ticks_of(seconds, fresh.tick)
-    wait = torch.cuda.synchronize if fresh.network.device.type == "cuda" else lambda: None
-    wait()
-    started = time.perf_counter()
-    fresh.run(engine, count)
-    wait()
-    return fresh.trials * count * fresh.tick / (time.perf_counter() - started)
 
 
 def recording(engine: Engine, device: str, robot: str, trials: int, seconds: float) -> float:
