@@ -79,14 +79,14 @@ def test_a_pair_counts_most_at_its_time_constant_and_nothing_at_once() -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_food_that_is_absent_is_neither_taken_nor_sensed(engine: str) -> None:
-    seconds = ("world.kinds.food.absent_from=7", "world.kinds.food.absent_until=14", "world.kinds.food.count=200")
+    seconds = ("world.kinds.food.absent_from=2.1", "world.kinds.food.absent_until=4.2", "world.kinds.food.count=200")
     simulation = build(compose_config("+experiment=food_attraction", *seconds, "trials=2", "dtype=float64"))
     machine, world, network = make_engine(engine, "cpu", 1), simulation.situation.world, simulation.network
     groups = [list(network.groups).index(name) for name in ("left_food", "right_food")]
     taken, sensed = [], []
     for _ in range(3):
         before = world.count("food").clone(), network.spike_count[:, groups].clone()
-        simulation.run(machine, 100)
+        simulation.run(machine, 30)
         taken.append(int((world.count("food") - before[0]).min()))
         sensed.append(int((network.spike_count[:, groups] - before[1]).sum()))
     assert min(taken[0], taken[2]) > 0 == taken[1]

@@ -1,0 +1,278 @@
+"""Unlearning what no longer predicts food; `python -m snnrl.beyond.extinction` measures its page in docs/beyond again.
+
+After Chorley and Seth 2011 (Front. Comput. Neurosci. 5:21): conf/network/predicting.yaml, with and without its
+inhibition of expected reward. In open loop a container's touch is the cue, food's touch the reward; then the robot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from torch import Tensor
+
+from snnrl.configuration.builder import build
+from snnrl.configuration.compose import compose
+from snnrl.drawing.style import band, figure, mark, png
+from snnrl.engines import Engine, make_engine
+from snnrl.files import write
+from snnrl.intervals import student, wilson
+from snnrl.model.network import Network
+
+DOPAMINERGIC, CUE, OTHER, REWARD = "dopaminergic", "food_container_touch", "empty_container_touch", "food_touch"
+LENGTH, AT, DELAY = 3000, 500, 800  # ms: a presentation, until the cue in it, from the cue to the reward
+ANSWER = 15  # ms after a pulse in which dopaminergic spikes answer it
+AROUND = slice(AT + DELAY - 100, AT + DELAY + 100)  # the time of the reward
+PULSE = 40.0  # fires every neuron of a group
+SHOWN = 20  # presentations that a response is the mean of
+
+Stage = tuple[
+    str, Mapping[str, int], int
+]  # a name, or "" if nobody looks; groups and the ms of their pulses; how often
+EXPERIMENT = "+experiment=extinction"
+CONTROLS = {
+    "predicting": (),
+    "without inhibition": ("robot=no_expectation",),
+    "thesis's network": ("network=food_container",),
+}
+COLOURS = dict(zip(CONTROLS, ("#0072B2", "#D55E00", "#7f7f7f"), strict=True))
+BEGIN, END = "<!-- measured -->", "<!-- end -->"
+FELL = 0.2  # of what it was: what has come down to this is unlearnt
+
+
+def conditioning(trained: int, omitted: int) -> list[Stage]:
+    """Cue and reward, then the cue alone, then both again."""
+    both, alone = {CUE: AT, REWARD: AT + DELAY}, {CUE: AT}
+    return [
+        ("first", both, SHOWN),
+        ("", both, trained),
+        ("trained", both, SHOWN),
+        ("omitted", alone, SHOWN),
+        ("", alone, omitted),
+        ("extinguished", alone, SHOWN),
+        ("", both, trained),
+        ("again", both, SHOWN),
+    ]
+
+
+def compound(before: int, together: int) -> list[Stage]:
+    """Blocking: a second cue joins the first when that has been trained, or has not."""
+    first, second = {CUE: AT, REWARD: AT + DELAY}, {CUE: AT, OTHER: AT, REWARD: AT + DELAY}
+    return [("", first, before), ("", second, together), ("second cue", {OTHER: AT}, SHOWN)]
+
+
+def second_order(before: int, together: int) -> list[Stage]:
+    """A second cue precedes the first one, without reward, when that has been trained, or has not."""
+    chain = {OTHER: AT, CUE: AT + DELAY}
+    return [("", {CUE: AT, REWARD: AT + DELAY}, before), ("", chain, together), ("second cue", {OTHER: AT}, SHOWN)]
+
+
+def responses(network: Network, engine: Engine, stages: Sequence[Stage]) -> dict[str, Tensor]:
+    """Spikes of a dopaminergic neuron in each ms of a presentation, by the name of the stage, [LENGTH, B] each."""
+    found = {}
+    for name, events, times in stages:
+        current = torch.zeros(LENGTH, network.trials, network.size, dtype=network.dtype)
+        for group, at in events.items():
+            current[at, :, network.groups[group].span] = PULSE
+        mean = torch.zeros(LENGTH, network.trials)
+        raster = torch.zeros(current.shape, dtype=torch.bool) if name else None
+        for _ in range(times):
+            engine.run_network(network, current, None, raster)
+            if raster is not None:
+                mean += raster[:, :, network.groups[DOPAMINERGIC].span].float().mean(2) / times
+        if name:
+            found[name] = mean
+    return found
+
+
+def answer(response: Tensor, at: int) -> Tensor:
+    """Spikes of a dopaminergic neuron in answer to a pulse, beyond the tonic ones, [B]."""
+    return response[at + 1 : at + 1 + ANSWER].sum(0) - ANSWER * response[:AT].mean(0)
+
+
+def dip(response: Tensor) -> Tensor:
+    """How far the rate around the time of the reward is from the tonic rate, as a fraction of that, [B]."""
+    return response[AROUND].mean(0) / response[:AT].mean(0) - 1.0
+
+
+def open_loop(overrides: Sequence[str], stages: Sequence[Stage]) -> dict[str, Tensor]:
+    """The `responses` of a network of the experiment."""
+    network = build(compose(EXPERIMENT, *overrides)).network
+    return responses(network, make_engine("auto", "cpu", 1), stages)
+
+
+def evoked(network: Network) -> Tensor:
+    """Spikes of a dopaminergic neuron that touching a food container would evoke now, [B]."""
+    counts = []
+    for pulse in (PULSE, 0.0):
+        tried = copy.deepcopy(network)
+        current = torch.zeros(1 + ANSWER, network.trials, network.size, dtype=network.dtype)
+        current[0, :, network.groups[CUE].span] = pulse
+        raster = torch.zeros(current.shape, dtype=torch.bool)
+        tried.run(current, raster=raster)
+        counts.append(raster[:, :, network.groups[DOPAMINERGIC].span].float().mean(2).sum(0))
+    return counts[0] - counts[1]
+
+
+def lead(network: Network) -> Tensor:
+    """Mean weight of attraction to containers less that of avoidance (mV), [B]."""
+    mean = {name: p.mean_weight() for name, p in network.projections.items() if p.role.startswith("container_")}
+    signs = [1 if network.projections[name].role == "container_attraction" else -1 for name in mean]
+    return torch.stack([sign * value for sign, value in zip(signs, mean.values(), strict=True)]).sum(0) / 2
+
+
+def live(overrides: Sequence[str], samples: int) -> dict[str, np.ndarray]:
+    """The robot's life: `time` (s) [T], and what is measured in each of T equal parts, [T, B] each."""
+    config = compose(EXPERIMENT, *overrides)
+    simulation, engine = build(config), make_engine("auto", "cpu", 1)
+    network, world = simulation.network, simulation.situation.world
+    ticks = round(1000 * config.seconds / simulation.tick / samples)
+    series: dict[str, list[Tensor]] = {"time": [], "response": [], "lead": [], "visits": [], "food": []}
+    for _ in range(samples):
+        before = {kind: world.count(kind).clone() for kind in ("food_container", "food")}
+        simulation.run(engine, ticks)
+        passed = ticks * simulation.tick / 1000
+        series["time"].append(torch.tensor(simulation.seconds))
+        series["response"].append(evoked(network))
+        series["lead"].append(lead(network))
+        series["visits"].append((world.count("food_container") - before["food_container"]) / passed)
+        series["food"].append((world.count("food") - before["food"]) / passed)
+    return {name: torch.stack(values).double().numpy() for name, values in series.items()}
+
+
+def interval(values: Tensor | np.ndarray) -> str:
+    """A mean and its interval, of an array [n]."""
+    if len(values) < 2:
+        return "too few"
+    low, high = student(values)
+    return f"{float(values.mean()):.2f} [{low:.2f}, {high:.2f}]"
+
+
+def share(which: np.ndarray) -> str:
+    """A share of trials and its interval, of bool [n]."""
+    if not len(which):
+        return "of none"
+    low, high = wilson(float(which.mean()), len(which))
+    return f"{which.sum()} of {len(which)} [{100 * low:.0f}, {100 * high:.0f} %]"
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A Markdown table."""
+    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)) + "\n"
+
+
+def open_loop_table(found: Mapping[str, Mapping[str, Tensor]]) -> str:
+    """Responses by network and stage."""
+    rows = [
+        [network, stage, *(interval(answer(response, at)) for at in (AT, AT + DELAY)), interval(dip(response))]
+        for network, stages in found.items()
+        for stage, response in stages.items()
+    ]
+    return table(["network", "20 presentations", "answer to the cue", "at the reward's time", "rate around it"], rows)
+
+
+def second_cue_table(found: Mapping[str, Mapping[str, Tensor]]) -> str:
+    """The answer to the second cue, by what was done."""
+    rows = [[done, interval(answer(stages["second cue"], AT))] for done, stages in found.items()]
+    return table(["before the second cue is shown alone", "answer to it"], rows)
+
+
+def periods(series: Mapping[str, np.ndarray], gone: float, back: float) -> dict[str, np.ndarray]:
+    """Samples of the last fifth of the time with food, of that without, and of that after its return; bool [T] each."""
+    time, end = series["time"], float(series["time"][-1])
+    bounds = {"with food": (0.0, gone), "without": (gone, back), "food again": (back, end)}
+    return {name: (time > high - 0.2 * (high - low)) & (time <= high) for name, (low, high) in bounds.items()}
+
+
+def lives_table(lives: Mapping[str, Mapping[str, np.ndarray]], gone: float, back: float) -> str:
+    """What becomes of the response and of attraction, by robot; shares are of the trials that had learnt."""
+    rows = []
+    for robot, series in lives.items():
+        parts = periods(series, gone, back)
+        for name, least in (("response", 0.1), ("lead", 0.2)):
+            learnt, unlearnt, again = (series[name][part].mean(0) for part in parts.values())
+            had = learnt > least
+            means = [interval(values[had]) for values in (learnt, unlearnt, again)]
+            fell = unlearnt[had] <= FELL * learnt[had]
+            returned = again[had] >= 0.5 * learnt[had]
+            rows.append([robot, name, share(had), *means, share(fell), share(returned)])
+    head = ["robot", "", "had learnt", "with food", "without", "food again", "fell by 80 %", "came back to half"]
+    return table(head, rows)
+
+
+def draw(
+    found: Mapping[str, Mapping[str, Tensor]], lives: Mapping[str, Mapping[str, np.ndarray]], gone: float, back: float
+) -> Figure:
+    """Dopaminergic firing around cue and reward, and the robots' lives."""
+    drawn, axes = figure(2, 3, 9.6, 5.0)
+    for axis, stage in zip(axes[0], ("first", "trained", "omitted"), strict=True):
+        for network, stages in found.items():
+            rate = stages[stage].view(-1, 20, stages[stage].shape[1]).mean((1, 2)) * 1000.0
+            axis.step(np.arange(len(rate)) * 20 - AT, rate, where="post", color=COLOURS[network], label=network)
+        axis.set(title=stage, xlabel="ms from the cue", xlim=(-AT, 2000), ylim=(0.0, None))
+        mark(axis, DELAY, "reward's time", vertical=True)
+    axes[0, 0].set_ylabel("dopaminergic firing, Hz")
+    axes[0, 0].legend()
+    titles = {
+        "response": "answer to a container, spikes",
+        "lead": "attraction less avoidance, mV",
+        "visits": "containers entered per s",
+    }
+    for axis, (name, title) in zip(axes[1], titles.items(), strict=True):
+        for robot, series in lives.items():
+            band(axis, series["time"], series[name], COLOURS[robot], robot)
+        axis.axvspan(gone, back, color="#f3e3c3", zorder=0)
+        axis.set(title=title, xlabel="s; no food where shaded")
+    return drawn
+
+
+def measure(overrides: Sequence[str], trained: int, omitted: int, samples: int) -> tuple[str, Figure]:
+    """All of it: the tables, and the figure."""
+    both = {name: CONTROLS[name] for name in ("predicting", "without inhibition")}
+    found = {name: open_loop([*overrides, *control], conditioning(trained, omitted)) for name, control in both.items()}
+    others = {
+        f"{name}: {done}": open_loop([*overrides, *control], stages)
+        for name, control in both.items()
+        for done, stages in {
+            "both cues and reward": compound(0, trained // 2),
+            "first cue and reward; then both cues and reward": compound(trained, trained // 2),
+            "second cue, then first cue": second_order(0, SHOWN),
+            "first cue and reward; then second cue, then first cue": second_order(trained, SHOWN),
+        }.items()
+    }
+    lives = {name: live([*overrides, *control], samples) for name, control in CONTROLS.items()}
+    food = compose(EXPERIMENT, *overrides).body()[1].kinds["food"]
+    assert food.absent_from is not None
+    assert food.absent_until is not None
+    bounds = food.absent_from, food.absent_until
+    tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, *bounds))
+    return "\n".join(tables), draw(found, lives, *bounds)
+
+
+def put(page: Path, tables: str) -> None:
+    """Exchange what a page has between BEGIN and END for tables, and the figure that is beside it."""
+    head, _, rest = page.read_text().partition(BEGIN)
+    write(page, f"{head}{BEGIN}\n\n{tables}\n![The same as a figure]({page.stem}.png)\n\n{END}{rest.partition(END)[2]}")
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description="Measure extinction again, and write its page's tables and figure.")
+    parser.add_argument("overrides", nargs="*", help="of the configuration, such as trials=10")
+    parser.add_argument("--page", type=Path, default=Path("docs/beyond/extinction.md"))
+    parser.add_argument("--trained", type=int, default=160, help="presentations with reward")
+    parser.add_argument("--omitted", type=int, default=200, help="presentations without")
+    parser.add_argument("--samples", type=int, default=70, help="of a robot's life")
+    given = parser.parse_args()
+    tables, drawn = measure(given.overrides, given.trained, given.omitted, given.samples)
+    put(given.page, tables)
+    write(given.page.with_suffix(".png"), png(drawn, 120))
+
+
+if __name__ == "__main__":
+    main()
