@@ -47,7 +47,6 @@ def test_periods_end_when_food_goes_and_when_it_comes_back() -> None:
 def test_the_response_moves_to_the_cue_and_inhibition_cancels_the_reward(robot: str, cancelled: bool) -> None:
     """At four times the learning rates."""
     rates = ("network.rules.anticipation.potentiation=0.2", "network.rules.expectation.potentiation=0.5")
-    rates = (*rates, "network.synaptic_gain=3.37", "network.dopamine.tau=21.6")
     found = open_loop([f"robot={robot}", *rates, "trials=4"], conditioning(60, 0)[:4])
     first, trained = (answer(found[stage], AT).mean() for stage in ("first", "trained"))
     assert trained > first + 0.2

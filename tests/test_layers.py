@@ -33,7 +33,8 @@ MAY_IMPORT = {
     "running": "errors schema extras files intervals engines simulation configuration recording",
     "agents": "errors schema files intervals model body engines configuration drawing running",
     "replay": "errors schema extras files model engines simulation configuration drawing recording running",
-    "beyond": "errors schema files intervals model body engines simulation configuration drawing recording running agents",
+    "beyond": "errors schema files intervals model body engines simulation configuration drawing recording running "
+    "agents",
     "thesis": "errors schema files intervals model body engines simulation configuration drawing recording running",
 }
 COMMANDS = {"command", "run", "reproduce", "calibrate", "search", "collect", "environments"}

@@ -7,12 +7,14 @@ import math
 import pytest
 import torch
 from helpers import ENGINES, compose_config, forced, group_of, run, silence
+from torch import Tensor
 
 from snnrl import Draws, build_network
 from snnrl.configuration.builder import build
 from snnrl.engines import make_engine
 from snnrl.errors import ConfigError
 from snnrl.model.modulators import deviation
+from snnrl.model.network import Network
 from snnrl.model.plasticity import potentiate_later, window
 from snnrl.schema import GroupConfig, ModulatorConfig, NetworkConfig, NeuronConfig, PlasticityConfig
 
@@ -29,11 +31,17 @@ def cells(**groups: GroupConfig) -> NetworkConfig:
     )
 
 
+def onsets(network: Network) -> Tensor:
+    onset = group_of(network, "memory").onset
+    assert isinstance(onset, Tensor)
+    return onset
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_time_cell_fires_in_its_field_after_an_input_and_at_no_other_time(engine: str) -> None:
     network = build_network(cells(), Draws(0, torch.arange(2)), torch.float64)
     fired = run(engine, network, forced(network, 300, {("memory", 1): [20]}))
-    onset = float(group_of(network, "memory").onset[0, 1])
+    onset = float(onsets(network)[0, 1])
     first = 20 + math.ceil(onset)
     times = fired[:, 0, 1].nonzero()[:, 0].tolist()
     assert times[0] == first
@@ -44,7 +52,7 @@ def test_a_time_cell_fires_in_its_field_after_an_input_and_at_no_other_time(engi
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_later_input_opens_the_field_anew(engine: str) -> None:
     network = build_network(cells(), Draws(0, torch.arange(1)), torch.float64)
-    onset = math.ceil(float(group_of(network, "memory").onset[0, 0]))
+    onset = math.ceil(float(onsets(network)[0, 0]))
     again = 20 + onset + 2  # in the field, between two spikes
     times = run(engine, network, forced(network, 400, {("memory", 0): [20, again]}))[:, 0, 0].nonzero()[:, 0]
     assert times[:2].tolist() == [20 + onset, again + onset]

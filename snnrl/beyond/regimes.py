@@ -58,7 +58,11 @@ def regimes(experiment: str, learning: str, still: str, overrides: Sequence[str]
     """Of one world, from runs of a robot that learns at all points, and of one that does not at each exploration."""
     usual = compose(f"+experiment={experiment}", *overrides)
     gains = [factor * usual.body()[0].exploration_gain for factor in EXPLORATION]
-    doses, thresholds, learnt = [], [], []
+    dopamine = usual.network.dopamine
+    assert dopamine is not None
+    doses: list[list[float]] = []
+    learnt: list[list[float]] = []
+    thresholds = []
     for gain in gains:
         named = (f"+experiment={experiment}", *overrides, f"coding.exploration_gain={gain:g}")
         dose, threshold = dose_and_threshold(*run(compose(*named, f"robot={still}"), part))
@@ -66,7 +70,7 @@ def regimes(experiment: str, learning: str, still: str, overrides: Sequence[str]
         thresholds.append(threshold)
         learnt.append([])
         for factor in RELEASE:
-            release = f"network.dopamine.release={factor * usual.network.dopamine.release:g}"
+            release = f"network.dopamine.release={factor * dopamine.release:g}"
             simulation, config = run(compose(*named, f"robot={learning}", release), part)
             learnt[-1].append(float(correct(simulation.network, config.experiment.correct).double().mean()))
     return Regimes(np.array(gains), np.array(doses), np.array(thresholds), np.array(learnt))
