@@ -12,11 +12,13 @@ import platform
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from snnrl.configuration import footprint
 from snnrl.configuration.builder import build
@@ -30,6 +32,7 @@ from snnrl.recording.kept import kept_of
 from snnrl.recording.monitors import Monitor, monitors_of
 from snnrl.recording.recorder import Recorder
 from snnrl.running import checkpoint
+from snnrl.running.beside import Beside
 from snnrl.running.checkpoint import Checkpoint, difference, settings
 from snnrl.running.progress import Progress
 from snnrl.running.schedule import Due, Schedule
@@ -163,10 +166,11 @@ def simulate(
     Yields the simulated s that are done, after each part.
     """
     config, left_out = what_can_be_shown(config)
-    overrides, kept = read_summary(folder)["overrides"], kept_of(simulation, config.experiment.correct)
+    beside = Beside(simulation)
+    overrides, kept = read_summary(folder)["overrides"], kept_of(beside.copy, config.experiment.correct)
     schedule = Schedule(config, simulation.tick, kept.watched)
     named = choices(overrides, experiment=config.experiment.name, robot=config.robot.name, seed=config.seed)
-    recorder = Recorder(simulation, kept, config.record, folder, named, saved.recorder if saved else None, monitors)
+    recorder = Recorder(beside.copy, kept, config.record, folder, named, saved.recorder if saved else None, monitors)
     engine = WatchedEngine(engine, monitors) if monitors else engine
     wall = saved.wall if saved else 0.0
     progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds, wall)
@@ -175,21 +179,24 @@ def simulate(
     with progress.preparing() as compiling:
         engine.prepare(simulation.network, simulation.situation, compiling)
     done, pace = int(simulation.network.time) // simulation.tick, Pace()
-    with progress.running(simulation.seconds):
+    with progress.running(simulation.seconds), beside:
         while done < schedule.end:
             ticks = min(pace.ticks, schedule.left(done))
+            raster = recorder.film.raster(ticks) if schedule.filmed(done) else None
             with pace:
-                _advance(simulation, engine, ticks, recorder, schedule.filmed(done))
+                simulation.run(engine, ticks, raster)
             done += ticks
             due = schedule.due(done)
-            _record(recorder, due, progress)
+            beside.begin(partial(_record, recorder, raster, due, progress))
             if due.checkpoint or signals.received:
+                beside.wait()
                 state = Checkpoint(settings(config), simulation.state_dict(), recorder.state_dict(), progress.wall)
                 checkpoint.save(folder, state)
             if signals.received:
                 at = f"at {simulation.seconds:g} of {config.seconds:g} s"
                 raise Interrupted(signals.received, f"stopped by {signals.received.name} {at}")
             yield simulation.seconds
+        beside.wait()
     wall = progress.wall
     results, alarms = recorder.save()
     write_json(folder / "summary.json", _summary(config, simulation, engine, overrides, results, alarms, wall))
@@ -207,19 +214,12 @@ def what_can_be_shown(config: Config) -> tuple[Config, list[str]]:
     return config, lines
 
 
-def _advance(simulation: Simulation[Any], engine: Engine, ticks: int, recorder: Recorder, filmed: bool) -> None:
-    """Run the next ticks, with an eye on who fires where they are filmed."""
-    if filmed:
-        raster = recorder.film.raster(ticks)
-        simulation.run(engine, ticks, raster)
-        recorder.film.keep(raster)
-    else:
-        simulation.run(engine, ticks)
+def _record(recorder: Recorder, raster: Tensor | None, due: Due, progress: Progress) -> None:
+    """All that is due but a checkpoint, in its order; `raster` says who has fired since the last time, if filmed."""
+    if raster is None:
         recorder.film.forget()
-
-
-def _record(recorder: Recorder, due: Due, progress: Progress) -> None:
-    """All that is due but a checkpoint, in its order."""
+    else:
+        recorder.film.keep(raster)
     if due.point:
         recorder.point()
     if due.sample:

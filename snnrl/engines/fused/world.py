@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -10,7 +12,7 @@ import torch
 from torch import Tensor
 
 from snnrl.body.world.geometry import drive, in_disc, offset, within
-from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, sign_at
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds, sign_at
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.body.world.world import World
 from snnrl.engines.fused.draws import uniform
@@ -61,18 +63,25 @@ class WorldArrays(NamedTuple):
     sees: Any  # bool [R, K]
 
 
+WORLD = WorldArrays._fields[:8]  # what a world has of its own
+
+
+@lru_cache(maxsize=64)
+def _described(kinds: Kinds) -> dict[str, Any]:
+    """Arrays of the kinds; their sign is not the world's."""
+    there = kinds.to(torch.device("cpu"))
+    known = {item.name for item in fields(kinds)} & set(WorldArrays._fields) - {*WORLD, "free"}
+    return {"signs": np.asarray(there.sign), **{key: np.asarray(getattr(there, key)) for key in known}}
+
+
 def world_arrays(world: World, share: Callable[[Tensor], Any] = Tensor.numpy) -> WorldArrays:
     """Share memory with a world's tensors, which `share` makes arrays of."""
     kinds, config, sensors = world.kinds, world.config, list(world.config.ranges.values())
-    shared = {key: share(getattr(world, key)) for key in WorldArrays._fields[:8]}
-    kinds = kinds.to(torch.device("cpu"))
-    known = vars(kinds).keys() & set(WorldArrays._fields) - {*shared, "free"}
-    described = {key: np.asarray(getattr(kinds, key)) for key in known}
+    shared = {key: share(getattr(world, key)) for key in WORLD}
     sees = [[name in world.sees[sensor] for name in kinds.names] for sensor in config.ranges]
     return WorldArrays(
         **shared,
-        **described,
-        signs=kinds.sign.numpy(),
+        **_described(kinds),
         side=config.side,
         axle=config.axle,
         seconds=world.tick / 1000.0,
