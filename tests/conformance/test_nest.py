@@ -87,3 +87,17 @@ def test_engines_agree_with_nest(engine: str, baseline: float, pre: list[int], p
     rate = 1.0 / RULE.tau_eligibility
     change = phasic * share(rate + 1.0 / TAU_DOPAMINE) + tonic * share(rate)
     assert weight - START == pytest.approx(change, rel=1e-9)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_neuron_fires_when_it_does_in_nest(engine: str) -> None:
+    nest.ResetKernel()
+    nest.resolution = 1.0
+    model = {"a": 0.02, "b": 0.2, "c": -65.0, "d": 8.0, "I_e": 10.0, "consistent_integration": False}
+    neuron, recorder = nest.Create("izhikevich", 1, model), nest.Create("spike_recorder")
+    nest.Connect(neuron, recorder)
+    nest.Simulate(float(END))
+    network = make_network([make_group("driven", 1)])
+    spikes = spikes_of(run(engine, network, torch.full((END, 1, 1), 10.0, dtype=torch.float64)), 0)
+    assert len(spikes) > 10
+    assert [time - 1.0 for time in recorder.get("events")["times"]] == spikes  # NEST gives the ends of steps
