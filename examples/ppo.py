@@ -1,7 +1,7 @@
 """Train an off-the-shelf PPO in the robot's world, and count what it then collects.
 
     pip install "snnrl[rl]"
-    python examples/ppo.py [--environment snnrl/FoodContainers-v0] [--steps 100000] [--seed 0]
+    python examples/ppo.py [--environment snnrl/DualLearning-v0] [--steps 100000] [--seed 0]
 
 It learns in eight worlds at once, from the range sensors and touches that the spiking robot has, and is
 tested on seeds that it has not seen.
@@ -24,7 +24,7 @@ gymnasium.register_envs(snnrl.environments)
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--environment", default="snnrl/Foraging-v0")
+    parser.add_argument("--environment", default="snnrl/FoodAttraction-v0")
     parser.add_argument("--steps", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--trials", type=int, default=20, help="to test on")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import warnings
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +16,27 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, VectorEnv
 from helpers import make_simulation, place
+from PIL import ImageColor
 
 import snnrl.environments
+from snnrl.agents.environments import experiments
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT, Foraging
 from snnrl.body.world import World
 from snnrl.configuration.builder import build_world
 from snnrl.configuration.compose import compose
+from snnrl.drawing.palette import FOOD, POISON
 from snnrl.engines import compiled_world, make_engine
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
 
-NAMES = {"snnrl/Foraging-v0": 3, "snnrl/FoodContainers-v0": 7}  # numbers of sensors
+NAMES = {"snnrl/FoodAttraction-v0": 3, "snnrl/DualLearning-v0": 7}  # numbers of sensors
 
 
-def make(name: str = "snnrl/Foraging-v0", num_envs: int = 3, **options: Any) -> Any:
+IDS = sorted(name for name in gymnasium.registry if name.startswith("snnrl/"))
+PAGE = Path(__file__).parents[1] / "docs" / "environments.md"
+
+
+def make(name: str = "snnrl/FoodAttraction-v0", num_envs: int = 3, **options: Any) -> Any:
     return gymnasium.make_vec(name, num_envs=num_envs, **options)
 
 
@@ -42,13 +50,117 @@ def equal(one: list[tuple[np.ndarray, ...]], other: list[tuple[np.ndarray, ...]]
     return all(np.array_equal(a, b) for x, y in zip(one, other, strict=True) for a, b in zip(x, y, strict=True))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", IDS)
 @pytest.mark.parametrize("continuous", [False, True])
-def test_a_single_environment_keeps_gymnasiums_contract(name: str, continuous: bool) -> None:
+def test_a_single_environment_keeps_gymnasiums_contract(
+    name: str, continuous: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")  # a window that nobody sees
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         warnings.filterwarnings("ignore", message=".*symmetric and normalized.*")  # wheel speeds are in cm/s
-        check_env(gymnasium.make(name, continuous=continuous).unwrapped)
+        check_env(gymnasium.make(name, continuous=continuous).unwrapped, skip_render_check=find_spec("pygame") is None)
+
+
+def test_there_is_an_environment_for_each_experiment_with_a_world() -> None:
+    files = (Path(__file__).parents[1] / "conf" / "experiment").glob("*.yaml")
+    with_world = [path.stem for path in sorted(files) if compose(f"+experiment={path.stem}").world is not None]
+    assert experiments() == with_world
+    assert [gymnasium.spec(name).kwargs["experiment"] for name in IDS] == with_world
+    assert {"snnrl/FoodAttraction-v0", "snnrl/DualLearning-v0"} <= set(IDS)
+    assert all(f"`{name}`" in PAGE.read_text() for name in IDS)
+
+
+@pytest.mark.parametrize("engine", ["fused", "reference"])
+def test_info_tells_what_has_happened_and_where_the_robot_is(engine: str) -> None:
+    options = [f"engine={engine}", "world.kinds.food.poison_from=0.14"]  # the third tick begins then
+    environments = make(num_envs=2, overrides=options)
+    _, before = environments.reset(seed=0)
+    world = environments.unwrapped.foraging.world
+    place(world, (50.0, 50.0), heading=0.0, items=[(50.0, 50.0)] * 2 + [(10.0, 90.0)] * 18, trial=1)
+    *_, info = environments.step(np.ones(2, dtype=int))
+    assert (before["food"][1], info["food"][1], info["poison"][1]) == (0, 2, 0)
+    assert info["touches"]["food"][1] == 2
+    assert info["position"][1].tolist() == pytest.approx([50.0 + 28.1 * 0.07, 50.0])
+    assert info["heading"][1] == 0.0
+    assert info["_food"].all()
+    assert info["touches"]["_food"].all()
+    environments.step(np.ones(2, dtype=int))
+    place(world, (50.0, 50.0), heading=0.0, items=[(50.0, 50.0)] + [(10.0, 90.0)] * 19, trial=1)
+    _, reward, *_, later = environments.step(np.ones(2, dtype=int))
+    assert (later["food"][1], later["poison"][1], reward[1]) == (2, 1, -1.0)
+    assert info["food"][1] == 2  # as it was
+
+
+def test_tensors_are_the_arrays_and_never_leave_their_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    arrays, tensors = (make(overrides=["engine=reference"], tensors=tensors) for tensors in (False, True))
+    first, _ = arrays.reset(seed=3)
+    assert np.array_equal(first, tensors.reset(seed=3)[0].numpy())
+
+    def forbidden(self: torch.Tensor, *arguments: Any) -> None:
+        raise AssertionError("copied from the device")
+
+    for k in range(40):
+        *expected, info = arrays.step(np.full(3, k // 9 % 3))
+        with monkeypatch.context() as patch:
+            for name in ("cpu", "numpy", "tolist", "__array__"):
+                patch.setattr(torch.Tensor, name, forbidden)
+            *found, shown = tensors.step(torch.full((3,), k // 9 % 3))
+        for one, other in zip(expected, found, strict=True):
+            assert np.array_equal(one, other.numpy())
+        assert np.array_equal(info["position"], shown["position"].numpy())
+        assert np.array_equal(info["touches"]["food"], shown["touches"]["food"].numpy())
+    assert isinstance(shown["food"], torch.Tensor)
+
+
+def test_pictures_show_what_is_where_in_the_house_colours() -> None:
+    environments = make(num_envs=2, render_mode="rgb_array", overrides=["world.kinds.food.poison_from=0.07"])
+    environments.reset(seed=0)
+    world = environments.unwrapped.foraging.world
+    place(world, (50.0, 10.0), items=[(100.0, 50.0)] * 20)
+    first, second = environments.render()
+    assert first.shape == second.shape == (480, 480, 3)
+    assert first.dtype == np.uint8
+    assert not np.array_equal(first, second)
+    for column in (5, 474):  # on both edges of the torus
+        assert tuple(first[240, column]) == ImageColor.getrgb(FOOD)
+    assert tuple(first[240, 240]) == (255, 255, 255)
+    environments.step(np.ones(2, dtype=int))
+    assert tuple(environments.render()[0][240, 5]) == ImageColor.getrgb(POISON)
+    assert make(num_envs=1).render() is None
+
+
+def test_a_video_is_recorded(tmp_path: Path) -> None:
+    pytest.importorskip("moviepy", reason='needs pip install "snnrl[video]"')
+    environment = gymnasium.make("snnrl/DualLearning-v0", overrides=["seconds=1.4"], render_mode="rgb_array")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # moviepy's own
+        recorded = gymnasium.wrappers.RecordVideo(environment, str(tmp_path))
+        recorded.reset(seed=0)
+        while not recorded.step(STRAIGHT)[3]:
+            pass
+        recorded.close()
+    (film,) = tmp_path.glob("*.mp4")
+    assert film.stat().st_size > 3000
+
+
+def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("pygame", reason='needs pip install "snnrl[render]"')
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    environment = gymnasium.make("snnrl/FoodAttraction-v0", render_mode="human")
+    environment.reset(seed=0)
+    environment.step(STRAIGHT)
+    assert environment.render() is None
+    environment.close()
+    monkeypatch.setenv("SDL_VIDEODRIVER", "nothing")
+    with pytest.raises(ConfigError, match="render_mode=human: needs a display"):
+        gymnasium.make("snnrl/FoodAttraction-v0", render_mode="human")
+
+
+def test_a_window_without_pygame_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(ConfigError, match=r'needs pygame: pip install "snnrl\[render\]"'):
+        gymnasium.make("snnrl/FoodAttraction-v0", render_mode="human")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -67,7 +179,7 @@ def test_spaces_and_declared_autoreset(name: str) -> None:
 
 
 def test_the_module_can_be_named_with_the_environment() -> None:
-    assert gymnasium.make("snnrl.environments:snnrl/Foraging-v0").observation_space.shape == (3,)
+    assert gymnasium.make("snnrl.environments:snnrl/FoodAttraction-v0").observation_space.shape == (3,)
 
 
 def test_the_same_seed_gives_the_same_episodes_and_another_gives_others() -> None:
@@ -83,9 +195,9 @@ def test_the_same_seed_gives_the_same_episodes_and_another_gives_others() -> Non
 
 
 def test_an_episode_is_the_trial_of_its_number_whoever_plays_it() -> None:
-    together = make("snnrl/FoodContainers-v0", 3)
+    together = make("snnrl/DualLearning-v0", 3)
     together.reset(seed=5)
-    alone = gymnasium.make("snnrl/FoodContainers-v0", overrides=["trial_start=1"]).unwrapped
+    alone = gymnasium.make("snnrl/DualLearning-v0", overrides=["trial_start=1"]).unwrapped
     _, info = alone.reset(seed=5)
     assert info["trial"] == 1
     for k in range(300):
@@ -116,11 +228,11 @@ def test_all_environments_are_truncated_together_and_reset_by_the_next_step() ->
 
 
 def test_a_single_environment_goes_on_to_the_next_trial() -> None:
-    environment = gymnasium.make("snnrl/Foraging-v0", overrides=["seconds=0.14"])
-    assert environment.reset(seed=0)[1] == {"trial": 0}
+    environment = gymnasium.make("snnrl/FoodAttraction-v0", overrides=["seconds=0.14"])
+    assert environment.reset(seed=0)[1]["trial"] == 0
     assert not environment.step(STRAIGHT)[3]
     assert environment.step(STRAIGHT)[3]
-    assert environment.reset()[1] == {"trial": 1}
+    assert environment.reset()[1]["trial"] == 1
 
 
 @pytest.mark.parametrize("continuous", [False, True])
@@ -239,7 +351,7 @@ def test_wheel_speeds_drive_the_robot() -> None:
 
 
 def test_touches_are_observed_when_they_happen_and_food_is_worth_one() -> None:
-    environments = make("snnrl/FoodContainers-v0", 1, overrides=["world.kinds.food_container.count=1"])
+    environments = make("snnrl/DualLearning-v0", 1, overrides=["world.kinds.food_container.count=1"])
     environments.reset(seed=0)
     world = environments.unwrapped.foraging.world
     place(world, (85.0, 100.0), items=[(100.0, 100.0)], containers=[(100.0, 100.0)])
@@ -258,6 +370,7 @@ def test_touches_are_observed_when_they_happen_and_food_is_worth_one() -> None:
         ({"overrides": ["seed=3"]}, "overrides=seed=3: is given to reset"),
         ({"overrides": ["trials=3"]}, "overrides=trials=3: is num_envs"),
         ({"overrides": ["world.side=10"]}, "world.side=10.0: must be at least"),
+        ({"render_mode": "human"}, "render_mode=human: must be one of rgb_array"),
         ({"num_envs": 0}, "num_envs=0: must be at least 1"),
     ],
 )
@@ -277,7 +390,7 @@ def test_an_action_outside_its_space_is_refused() -> None:
     for speed in (24.9, 31.3, np.nan):
         with pytest.raises(ValueError, match="must be in Box"):
             speeds.step(np.array([[28.0, speed]]))
-    alone = gymnasium.make("snnrl/Foraging-v0")
+    alone = gymnasium.make("snnrl/FoodAttraction-v0")
     alone.reset(seed=0)
     with pytest.raises(ValueError, match="must be in MultiDiscrete"):
         alone.step(3)

@@ -171,6 +171,10 @@ def test_only_the_environments_know_gymnasium() -> None:
     assert importers("stable_baselines3") == set()
 
 
+def test_only_the_window_knows_pygame() -> None:
+    assert importers("pygame") == {"agents/window.py"}
+
+
 def test_a_world_knows_nothing_of_a_network() -> None:
     world = {name for path, names in imports().items() if path.startswith("body/world/") for name in names}
     own = {name for name in world if name.startswith("snnrl") and not name.startswith("snnrl.body.world")}
@@ -201,7 +205,7 @@ def test_what_is_imported_is_declared_and_the_other_way_round() -> None:
     imported = {distribution(owners[name][0]) for name in modules - sys.stdlib_module_names}
     declared = set(map(distribution, project["dependencies"]))
     extras = {
-        distribution(name) for kind in (*EXTRAS, "parquet") for name in project["optional-dependencies"][kind]
+        distribution(name) for kind in (*EXTRAS, "parquet", "render") for name in project["optional-dependencies"][kind]
     } - {"snnrl"}
     assert imported == declared | extras
     assert not declared & extras

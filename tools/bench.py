@@ -45,7 +45,7 @@ from snnrl.files import write_json
 from snnrl.running.job import simulate
 from snnrl.running.signals import Signals
 
-ENVIRONMENTS = ("snnrl/Foraging-v0", "snnrl/FoodContainers-v0")
+ENVIRONMENTS = ("snnrl/FoodAttraction-v0", "snnrl/DualLearning-v0")
 BATCHES = (1, 256)  # environments at once
 SLOWER = 25  # times fewer steps of the reference
 

@@ -1,20 +1,14 @@
-"""The robot's world as Gymnasium environments; importing this module registers them.
+"""The robot's world as Gymnasium environments; importing this module registers one for each experiment with a world.
 
     import gymnasium
     import snnrl.environments
 
     gymnasium.register_envs(snnrl.environments)  # only so that the import is seen to be used
-    environments = gymnasium.make_vec("snnrl/Foraging-v0", num_envs=50)
-    environment = gymnasium.make("snnrl/FoodContainers-v0", overrides=["world.side=200", "seconds=100"])
+    environment = gymnasium.make("snnrl/FoodAttraction-v0", render_mode="rgb_array")
+    environments = gymnasium.make_vec("snnrl/DualLearning-v0", num_envs=50, overrides=["world.side=200", "seconds=100"])
 
-World, sensors, wheel speeds and the length of an episode are those of an experiment in conf/;
-`overrides` change them as on the command line of `snnrl.run`.
-
-Observation: the range sensors (left and right of each) and the touch sensors, in the order of
-`coding.ranges` and `coding.touches`; float32 in [0, 1]. Action: 0, 1, 2 for a turn to the left, straight
-ahead, a turn to the right, at the spiking robot's speeds; with `continuous=True` the speeds of the left and
-the right wheel, cm/s, between `coding.slow` and `coding.fast`. Reward: +1 for food, -1 for poison.
-An episode is truncated after the experiment's `seconds`; nothing terminates it.
+World, sensors, wheel speeds and the length of an episode are those of the experiment in conf/; `overrides` change
+them as on the command line of `snnrl.run`. Observation, action, reward, info and rendering: docs/environments.md.
 
 On the CPU the world is compiled; with `engine=reference` among the overrides it is plain torch, with the same results.
 
@@ -24,25 +18,32 @@ out of N has the number trial_start + e N + i; `reset(seed=...)` starts again wi
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
+import yaml
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
 from snnrl.agents.foraging import LEFT, RIGHT, Foraging
+from snnrl.agents.window import Window
 from snnrl.configuration.checks import check, torch_device
-from snnrl.configuration.compose import compose
+from snnrl.configuration.compose import compose, conf_dir
+from snnrl.drawing.snapshots import square
 from snnrl.errors import ConfigError
 from snnrl.model.draws import Draws
 from snnrl.running.schedule import ticks_of
 
 SEEDS = 2**63  # as many as `seed` of a run can have
+PATH = 10_000  # ms of the robot's way that a picture shows
+FINER = 2  # of pictures, see `snnrl.drawing.snapshots.square`
 ELSEWHERE = {
     "seed": "is given to reset(seed=...)",
     "trials": "is num_envs",
@@ -61,12 +62,15 @@ class ForagingVectorEnv(VectorEnv):
         experiment: of conf/.
         overrides: of the experiment's configuration.
         continuous: whether actions are wheel speeds.
+        render_mode: rgb_array, or None.
+        tensors: whether all that goes in and comes out are tensors on the configuration's `device`, and nothing
+            is copied from there, instead of NumPy arrays.
 
     Raises:
         ConfigError: names a value that is out of bounds, contradicts another or is set elsewhere.
     """
 
-    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -74,9 +78,12 @@ class ForagingVectorEnv(VectorEnv):
         experiment: str = "food_attraction",
         overrides: Sequence[str] = (),
         continuous: bool = False,
+        render_mode: str | None = None,
+        tensors: bool = False,
     ) -> None:
         if num_envs < 1:
             raise ConfigError("num_envs", num_envs, "must be at least 1")
+        check_mode(render_mode, self.metadata)
         for override in overrides:
             key = override.partition("=")[0].lstrip("+")
             if key in ELSEWHERE:
@@ -85,8 +92,10 @@ class ForagingVectorEnv(VectorEnv):
         check(self.config)
         self.device = torch_device(self.config.device)
         coding, _ = self.config.body()
-        self.num_envs, self.continuous = num_envs, continuous
+        self.num_envs, self.continuous, self.render_mode, self.tensors = num_envs, continuous, render_mode, tensors
+        self.metadata = {**self.metadata, "render_fps": 1000.0 / coding.tick, "torch": tensors}
         self.length = ticks_of(self.config.seconds, coding.tick)  # ticks
+        self._path: deque[Tensor] = deque(maxlen=PATH // coding.tick)
         sensors = 2 * len(coding.ranges) + len(coding.touches)
         self.single_observation_space = spaces.Box(0.0, 1.0, (sensors,), np.float32)
         self.single_action_space = (
@@ -94,83 +103,187 @@ class ForagingVectorEnv(VectorEnv):
         )
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._bounds = (np.float32(coding.slow), np.float32(coding.fast)) if continuous else (LEFT, RIGHT)
+        self._bounds = (coding.slow, coding.fast) if continuous else (LEFT, RIGHT)
         self.episode = -1
         self.ticks = 0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next episode of all environments, or with a seed the first one.
 
         Without a seed ever given, one is drawn from the operating system. `options` has no meaning.
-        Info holds `trial`, the trials' numbers.
         """
         super().reset(seed=seed)
         self.episode = 0 if seed is not None else self.episode + 1
         first = self.config.trial_start + self.episode * self.num_envs
         trials = torch.arange(first, first + self.num_envs, device=self.device)
         self.foraging = Foraging(self.config, Draws(int(self.np_random_seed or 0) % SEEDS, trials))
-        self.ticks = 0
-        return self._observe(), {"trial": trials.cpu().numpy(), "_trial": np.ones(self.num_envs, dtype=bool)}
+        self.ticks, self._shown = 0, self._states()
+        self._path.clear()
+        self._follow()
+        return self._observe(), marked(self.values(), self._full(True))
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """One control tick; see `VectorEnv`.
 
         Raises:
             ValueError: if an action is outside the action space.
         """
-        never = np.zeros(self.num_envs, dtype=bool)
         if self.ticks == self.length:
             observation, info = self.reset()
-            return observation, np.zeros(self.num_envs), never, never.copy(), info
-        reward = self.foraging.step(self._wheels(actions)).cpu().numpy()
+            return observation, self._full(0.0, torch.float64), self._full(False), self._full(False), info
+        observation, reward = self.advance(actions)
+        over, info = self._full(self.ticks == self.length), marked(self.values(), self._full(True))
+        return observation, reward, self._full(False), over, info
+
+    def advance(self, actions: Any) -> tuple[Any, Any]:
+        """One control tick of an episode that is not over: observation and reward."""
+        reward = self.foraging.step(self._wheels(actions))
         self.ticks += 1
-        return self._observe(), reward, never, np.full(self.num_envs, self.ticks == self.length), {}
+        self._follow()
+        return self._observe(), self._given(reward)
 
-    def _observe(self) -> np.ndarray:
+    def values(self) -> dict[str, Any]:
+        """What info holds now, without its masks: copies, [N, ...]."""
+        values = {key: self._copy(value) for key, value in self._shown.items()}
+        values["food"], values["poison"] = values.pop("taken").T
+        values["touches"] = dict(zip(self.foraging.world.kinds.names, values["touches"].T, strict=True))
+        return values
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """The arena of each environment as it is now, uint8 [480, 480, 3]."""
+        if self.render_mode is None:
+            return None
+        world, paths = self.foraging.world, torch.stack(list(self._path), 1).cpu().numpy()
+        time = int(self.foraging.time)
+        return tuple(square(world, path, time, trial, FINER) for trial, path in enumerate(paths))
+
+    def _follow(self) -> None:
+        if self.render_mode is not None:
+            self._path.append(self.foraging.world.position.clone())
+
+    def _observe(self) -> Any:
         ranges, touched = self.foraging.ranges(), self.foraging.touched
-        return torch.cat([ranges.flatten(1), touched], 1).float().cpu().numpy()
+        return self._given(torch.cat([ranges.flatten(1), touched], 1).float())
 
-    def _wheels(self, actions: np.ndarray) -> Tensor:
-        actions = np.asarray(actions, self.action_space.dtype)
+    def _given(self, values: Tensor) -> Any:
+        return values if self.tensors else values.cpu().numpy()
+
+    def _states(self) -> dict[str, Any]:
+        """What info holds copies of: tensors of the world, or on the CPU arrays that share their memory."""
+        world = self.foraging.world
+        states = {name: getattr(world, name) for name in ("touches", "position", "heading")}
+        states |= {"trial": world.draws.trials, "taken": self.foraging.taken}
+        shared = self.device.type == "cpu" and not self.tensors
+        return {key: value.numpy() if shared else value for key, value in states.items()}
+
+    def _copy(self, values: Any) -> Any:
+        if isinstance(values, np.ndarray):
+            return values.copy()
+        return values.clone() if self.tensors else values.cpu().numpy()
+
+    def _full(self, value: float, dtype: torch.dtype = torch.bool) -> Any:
+        """The same for all environments."""
+        return self._given(torch.full((self.num_envs,), value, dtype=dtype, device=self.device))
+
+    def _wheels(self, actions: Any) -> Tensor:
+        kind = torch.float32 if self.continuous else torch.int64
+        given = torch.as_tensor(actions, dtype=kind, device=self.device)
         least, most = self._bounds
-        inside = actions.shape == self.action_space.shape and least <= actions.min() and actions.max() <= most
-        if not inside:  # which the space itself would be slower to say
+        low, high = given.aminmax()
+        if given.shape != self.action_space.shape or not (least <= low and high <= most):
             raise ValueError(f"action={actions}: must be in {self.action_space}")
-        given = torch.as_tensor(actions, device=self.device)
         return given.double() if self.continuous else self.foraging.wheels(given)
 
 
 class ForagingEnv(gymnasium.Env):
-    """One robot in its world: `ForagingVectorEnv` with N = 1, and its arguments."""
+    """One robot in its world: `ForagingVectorEnv` with N = 1, and its arguments.
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    Args:
+        render_mode: rgb_array, human (a window, for which there must be a display), or None.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"]}  # noqa: RUF012
 
     def __init__(
-        self, experiment: str = "food_attraction", overrides: Sequence[str] = (), continuous: bool = False
+        self,
+        experiment: str = "food_attraction",
+        overrides: Sequence[str] = (),
+        continuous: bool = False,
+        render_mode: str | None = None,
     ) -> None:
-        self.batch = ForagingVectorEnv(1, experiment, overrides, continuous)
+        check_mode(render_mode, self.metadata)
+        drawn = None if render_mode is None else "rgb_array"
+        self.batch = ForagingVectorEnv(1, experiment, overrides, continuous, drawn)
         self.observation_space = self.batch.single_observation_space
         self.action_space = self.batch.single_action_space
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": self.batch.metadata["render_fps"]}
+        self.window = Window(experiment, self.metadata["render_fps"]) if render_mode == "human" else None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin the next episode, or with a seed the first one; see `ForagingVectorEnv.reset`."""
         super().reset(seed=seed)
-        observation, info = self.batch.reset(seed=seed, options=options)
-        return observation[0], {"trial": int(info["trial"][0])}
+        observation, _ = self.batch.reset(seed=seed, options=options)
+        self._show()
+        return observation[0], only(self.batch.values())
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control tick; see `gymnasium.Env`."""
-        observation, reward, terminated, truncated, _ = self.batch.step(np.asarray(action)[None])
-        return observation[0], float(reward[0]), bool(terminated[0]), bool(truncated[0]), {}
+        batch = self.batch
+        observation, reward = batch.advance(np.asarray(action)[None])
+        self._show()
+        return observation[0], reward.item(), False, batch.ticks >= batch.length, only(batch.values())
+
+    def render(self) -> np.ndarray | None:
+        """The arena as it is now, uint8 [480, 480, 3]; None where it is in a window, or there is no mode."""
+        pictures = self.batch.render()
+        return pictures[0] if pictures is not None and self.window is None else None
+
+    def close(self) -> None:
+        if self.window is not None:
+            self.window.close()
+
+    def _show(self) -> None:
+        if self.window is not None and (pictures := self.batch.render()) is not None:
+            self.window.show(pictures[0])
 
 
-for _name, _experiment in {"Foraging": "food_attraction", "FoodContainers": "dual_learning"}.items():
+def marked(values: dict[str, Any], mask: Any) -> dict[str, Any]:
+    """Values and tables of them with a mask for each."""
+    found: dict[str, Any] = {}
+    for key, value in values.items():
+        found[key], found[f"_{key}"] = marked(value, mask) if isinstance(value, dict) else value, mask
+    return found
+
+
+def only(values: dict[str, Any]) -> dict[str, Any]:
+    """What the first of some environments has: numbers, vectors, and tables of them."""
+    return {key: only(value) if isinstance(value, dict) else _first(value[0]) for key, value in values.items()}
+
+
+def _first(value: np.ndarray) -> Any:
+    return value if value.ndim else value.item()
+
+
+def check_mode(mode: str | None, metadata: dict[str, Any]) -> None:
+    """Raise ConfigError if there is no such way to render."""
+    modes = metadata["render_modes"]
+    if mode is not None and mode not in modes:
+        raise ConfigError("render_mode", mode, f"must be one of {', '.join(modes)}")
+
+
+def experiments() -> list[str]:
+    """Of conf/, those that have a world."""
+    files = sorted(Path(conf_dir(), "experiment").glob("*.yaml"))
+    described = {path.stem: yaml.safe_load(path.read_text()) for path in files}
+    return [name for name, given in described.items() if {"override /world": None} not in given.get("defaults", [])]
+
+
+for _experiment in experiments():
     gymnasium.register(
-        f"snnrl/{_name}-v0",
+        f"snnrl/{_experiment.title().replace('_', '')}-v0",
         entry_point="snnrl.environments:ForagingEnv",
         vector_entry_point="snnrl.environments:ForagingVectorEnv",
         kwargs={"experiment": _experiment},

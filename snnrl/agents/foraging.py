@@ -26,6 +26,7 @@ class Foraging:
 
     Attributes:
         touched: what each of the robot's touch sensors felt in the last tick, bool [B, T].
+        taken: items of food and of poison since the start, int64 [B, 2].
         time: int64 scalar, ms.
 
     Raises:
@@ -39,6 +40,7 @@ class Foraging:
         self.world = build_world(world, self.coding, draws)
         device = draws.trials.device
         self.touched = torch.zeros(len(draws.trials), len(self.coding.touches), dtype=torch.bool, device=device)
+        self.taken = torch.zeros(len(draws.trials), 2, dtype=torch.int64, device=device)
         self.time = torch.zeros((), dtype=torch.int64, device=device)
         lead = torch.arange(LEFT, RIGHT + 1, device=device).double() - STRAIGHT
         self._speeds = torch.stack(wheel_speeds(lead, self.coding.slow, self.coding.fast), 1)
@@ -62,7 +64,7 @@ class Foraging:
         Returns the reward, float64 [B]: +1 for each item of food taken, -1 for each of poison.
         """
         if self._compiled is not None:
-            self.touched, reward = self._compiled.step(wheels, int(self.time))
+            self.touched, reward = self._compiled.step(wheels, int(self.time), self.taken)
         else:
             reward = self._step(wheels)
         self.time += self.coding.tick
@@ -75,4 +77,6 @@ class Foraging:
         if self.coding.touches:
             self.touched = torch.stack([touched[name] for name in self.coding.touches], 1)
         taken = (self.world.touches - before) * (self.world.kinds.effect == TAKEN)
-        return (taken * self.world.value(self.time)).sum(1)
+        value = self.world.value(self.time)
+        self.taken += torch.stack([(taken * (sign * value > 0)).sum(1) for sign in (1, -1)], 1)
+        return (taken * value).sum(1)

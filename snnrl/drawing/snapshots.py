@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,41 +23,54 @@ from snnrl.schema import FOOD as SCORED
 
 ROWS = 1000  # at most, of neurons in a raster or a matrix
 ROBOT, INK, TINT = "#332288", (51, 34, 136), (247, 230, 208)
+TRAIL, EDGE = "#9988cc", "#999933"  # of the robot, and of what can be entered
 SIDE, LEFT, RIGHT, TOP, BOTTOM = 480, 130, 60, 22, 36  # pixels: of the arena; margins
 WIDTH = 720  # of what is not the arena
 
 
-def arena(world: World, path: np.ndarray) -> np.ndarray:
-    """The world of the first trial, and where its robot has been: `path` [T, 2], cm.
-
-    What can be entered is filled where it holds something; what can be taken has the colour of food or of poison.
-    """
-    kinds, side = world.kinds, world.config.side
-    scale = SIDE / side
+def arena(world: World, path: np.ndarray, time: int = 0) -> np.ndarray:
+    """The world of the first trial at a time (ms), and where its robot has been: `path` [T, 2], cm."""
     image = Image.new("RGB", (SIDE, SIDE + BOTTOM), "white")
+    image.paste(Image.fromarray(square(world, path, time)))
+    ImageDraw.Draw(image).text((4, SIDE + 8), f"{world.config.side:g} cm x {world.config.side:g} cm", "black")
+    return np.asarray(image)
+
+
+def square(world: World, path: np.ndarray, time: int = 0, trial: int = 0, finer: int = 1) -> np.ndarray:
+    """The world of a trial at a time (ms) from edge to edge, and where its robot has been: `path` [T, 2], cm.
+
+    What can be entered is filled where it holds something; what can be taken has the colour of food or of poison. It
+    is drawn `finer` times as large and made smaller, which smooths it.
+    """
+    kinds, pixels = world.kinds, SIDE * finer
+    scale = pixels / world.config.side
+    image = Image.new("RGB", (pixels, pixels), "white")
     draw = ImageDraw.Draw(image)
-    points = [(x * scale, SIDE - y * scale) for x, y in path.tolist()]
+    points = [(x * scale, pixels - y * scale) for x, y in path.tolist()]
     for (x, y), (u, v) in pairwise(points):
-        if max(abs(u - x), abs(v - y)) <= SIDE / 2:  # else over the edge of the torus
-            draw.line((x, y, u, v), "#9988cc", 2)
-    bad = (world.value(torch.zeros((), dtype=torch.int64, device=world.places.device)) < 0).tolist()
-    places, of_kind = world.places[0].tolist(), kinds.kind.tolist()
+        if max(abs(u - x), abs(v - y)) <= pixels / 2:  # else over the edge of the torus
+            draw.line((x, y, u, v), TRAIL, 2 * finer)
+    bad = (world.value(torch.tensor(time, device=world.places.device)) < 0).tolist()
+    places, of_kind = world.places[trial].tolist(), kinds.kind.tolist()
     radius, effect = kinds.radius.tolist(), kinds.effect.tolist()
     for x, y, k in sorted(((x, y, k) for (x, y), k in zip(places, of_kind, strict=True)), key=lambda o: -effect[o[2]]):
         name, r = kinds.names[k], radius[k] * scale
-        box = (x * scale - r, SIDE - y * scale - r, x * scale + r, SIDE - y * scale + r)
+        style: tuple[Any, ...] = (POISON if bad[k] else FOOD if name == SCORED else OTHER,)
         if effect[k] == ENTERED:
-            draw.ellipse(box, CONTAINER if world.config.kinds[name].holds else None, "#999933")
-        else:
-            draw.ellipse(box, POISON if bad[k] else FOOD if name == SCORED else OTHER)
-    (x, y), heading = world.position[0].tolist(), float(world.heading[0])
-    corners = [(12.0, 0.0), (9.0, 2.5), (9.0, -2.5)]  # pixels, angle from the heading
-    draw.polygon(
-        [(x * scale + r * np.cos(heading + a), SIDE - y * scale - r * np.sin(heading + a)) for r, a in corners], ROBOT
-    )
-    draw.rectangle((0, 0, SIDE - 1, SIDE - 1), None, "#999999")
-    draw.text((4, SIDE + 8), f"{side:g} cm x {side:g} cm", "black")
-    return np.asarray(image)
+            style = CONTAINER if world.config.kinds[name].holds else None, EDGE, finer
+        for u, v in _copies(x * scale, pixels - y * scale, r, pixels):
+            draw.ellipse((u - r, v - r, u + r, v + r), *style)
+    (x, y), heading = world.position[trial].tolist(), float(world.heading[trial])
+    corners = [(r * finer, heading + angle) for r, angle in ((12.0, 0.0), (9.0, 2.5), (9.0, -2.5))]
+    draw.polygon([(x * scale + r * np.cos(a), pixels - y * scale - r * np.sin(a)) for r, a in corners], ROBOT)
+    draw.rectangle((0, 0, pixels - 1, pixels - 1), None, "#999999", finer)
+    return np.asarray(image.reduce(finer))
+
+
+def _copies(x: float, y: float, r: float, side: float) -> list[tuple[float, float]]:
+    """Where a disc shows on a torus: once, or at both edges that it crosses."""
+    across = [[at + shift for shift in (0.0, side, -side) if -r < at + shift < side + r] for at in (x, y)]
+    return [(u, v) for u in across[0] for v in across[1]]
 
 
 def spike_raster(network: Network, fired: np.ndarray, start: float) -> np.ndarray:

@@ -146,7 +146,7 @@ class Recorder:
 
         network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
         shown = {
-            f"last {PATH // 1000} s in the arena": snapshots.arena(world, self.film.path.numpy()),
+            f"last {PATH // 1000} s in the arena": snapshots.arena(world, self.film.path.numpy(), int(network.time)),
             "last spikes": snapshots.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
             "weights": snapshots.weight_matrix(network, self.followed or list(network.projections.values())),
         }

@@ -40,19 +40,21 @@ class CompiledWorld:
         self._counts = np.zeros(len(names), np.int64)
         self._step, self._sense = kernels()
 
-    def step(self, wheels: Tensor, time: int) -> tuple[Tensor, Tensor]:
+    def step(self, wheels: Tensor, time: int, taken: Tensor) -> tuple[Tensor, Tensor]:
         """`World.step` through one tick.
 
         Args:
             wheels: speed of the left and right wheel, float64 [B, 2], cm/s.
             time: ms.
+            taken: to which the items of food and of poison that are taken are added, int64 [B, 2].
 
         Returns what the touch sensors felt, bool [B, T], and what was taken, each by its sign, summed, float64 [B].
         """
         trials = len(self._trials)
         touched, value = np.empty((trials, len(self._felt)), np.bool_), np.empty(trials)
         speeds = wheels.double().expand(trials, 2).contiguous().numpy()
-        self._step(self._arrays, self._seed, self._trials, speeds, time, self._felt, self._counts, touched, value)
+        felt, counts, items = self._felt, self._counts, taken.numpy()
+        self._step(self._arrays, self._seed, self._trials, speeds, time, felt, counts, touched, items, value)
         return torch.from_numpy(touched), torch.from_numpy(value)
 
     def sense(self) -> Tensor:
@@ -69,7 +71,7 @@ def kernels() -> tuple[Any, Any]:
     return program.kernel(step_trials), program.kernel(sense_trials)
 
 
-def step_trials(world, seed, trials, wheels, time, felt, counts, touched, value):
+def step_trials(world, seed, trials, wheels, time, felt, counts, touched, taken, value):
     """All trials through one tick; `counts`, int64 [K], is scratch."""
     for trial in range(len(trials)):
         step_world(world, seed, trials[trial], trial, wheels[trial, 0], wheels[trial, 1], time, counts)
@@ -78,7 +80,10 @@ def step_trials(world, seed, trials, wheels, time, felt, counts, touched, value)
         total = 0.0
         for k in range(len(counts)):
             if counts[k] > 0 and world.effect[k] == TAKEN:
-                total += counts[k] * sign_at(time, world.signs[k], world.turns[k], world.again[k])
+                sign = sign_at(time, world.signs[k], world.turns[k], world.again[k])
+                taken[trial, 0] += counts[k] * (sign > 0)
+                taken[trial, 1] += counts[k] * (sign < 0)
+                total += counts[k] * sign
         value[trial] = total
 
 
