@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from snnrl.beyond import chain, changing_world, command
+from snnrl.beyond import avoidance, chain, changing_world, command
 from snnrl.beyond.chain import learning_time
 from snnrl.beyond.changing_world import REACHED, WINDOW, relearning, since_swap
 from snnrl.beyond.course import Course, follow
@@ -97,6 +97,19 @@ def test_a_chain_is_learnt_at_half_of_what_a_wired_robot_collects() -> None:
     wired, slow = course([1.0] * 12), course([0.0] * 6 + [0.6] * 6)
     assert learning_time(slow, wired).tolist() == [110.0]  # 5 of 6 spans at 0.6
     assert np.isnan(learning_time(course([0.4] * 12), wired)).all()
+
+
+def test_what_hurts_comes_to_be_touched_less(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(avoidance, "SECONDS", 300.0)
+    found = {
+        agent: follow(agent, 50.0, OPTIONS, "+experiment=avoidance", "seconds=300", *SMALL, "trials=4")
+        for agent in ("learning", "no_pain")
+    }
+    poison = {agent: avoidance.late(ran, "poison").mean() for agent, ran in found.items()}
+    assert poison["learning"] < 0.6 * poison["no_pain"]
+    table = avoidance.make(["trials=1", "threads=1"], 0.34).table.splitlines()
+    assert [row.split(" | ")[0] for row in table[2:]] == ["| learning", "| no pain", "| sarsa lambda", "| random walk"]
+    assert table[-1].endswith("| 1.00 |")
 
 
 def test_every_chain_is_run_by_every_agent(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -87,7 +87,7 @@ def test_what_is_there_is_changed_by_a_table_too() -> None:
         ("hydra/launcher=nothing", "hydra/launcher=nothing: must be one of basic"),
         (
             "network=3",
-            "network=3: must be one of chain, food_container, food_only, food_poison, food_taxis_given, "
+            "network=3: must be one of avoidance, chain, food_container, food_only, food_poison, food_taxis_given, "
             "izhikevich_2007; ~network leaves it out",
         ),
         ("robot=null", "robot=None: must be one of benchmark"),

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import chain, changing_world, regimes
+from snnrl.beyond import avoidance, chain, changing_world, regimes
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
@@ -26,6 +26,7 @@ EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
     "changing_world": changing_world.make,
     "chain": chain.make,
     "regimes": regimes.make,
+    "avoidance": avoidance.make,
 }
 
 

@@ -20,6 +20,7 @@ COLOURS = {
     **ROBOTS,
     **baselines.COLOURS,
     "learning": baselines.COLOURS[baselines.SPIKING],
+    "no_pain": ROBOTS["no_hunger"],
     "no_moving_dopamine": ROBOTS["no_container_dopamine"],
     "fixed_dopamine": ROBOTS["fixed_container_dopamine"],
 }

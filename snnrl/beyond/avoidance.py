@@ -1,0 +1,57 @@
+"""Poison that hurts: how much less of it a robot with a second modulator touches than one that walks at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from snnrl.beyond.course import Course, follow, interval
+from snnrl.beyond.page import Page, draw, table
+from snnrl.configuration.compose import compose_baselines
+from snnrl.drawing.style import figure
+
+AGENTS = ("learning", "no_pain", "sarsa_lambda", "random_walk")
+SECONDS = 2000.0
+EVERY = 50.0  # s
+LATE = 0.5  # the last part of the time, in which what has been learnt shows
+TUNED = ("sarsa_lambda.bins=2",)  # as in snnrl.beyond.changing_world
+
+
+def make(overrides: Sequence[str], part: float = 1.0) -> Page:
+    """Run all agents; `part` of the time, for a trial."""
+    world = ("+experiment=avoidance", f"seconds={part * SECONDS:g}", *overrides)
+    options = compose_baselines(*TUNED)
+    courses = [follow(agent, EVERY, options, *world) for agent in AGENTS]
+    return Page(_table(courses), _figure(courses))
+
+
+def late(course: Course, kind: str) -> np.ndarray:
+    """Touches of a kind per s in the last part, [B]."""
+    spans = course.touches[kind]
+    return np.asarray(spans[-max(1, round(LATE * len(spans))) :].mean(0) / course.every)
+
+
+def _table(courses: Sequence[Course]) -> str:
+    walk = next(course for course in courses if course.agent == "random_walk")
+    rows = [
+        (
+            course.agent.replace("_", " "),
+            *(interval(late(course, kind), 3) for kind in ("food", "poison")),
+            f"{late(course, 'poison').mean() / late(walk, 'poison').mean():.2f}",
+        )
+        for course in courses
+    ]
+    return table(("agent", "late food per s [95 %]", "late poison per s [95 %]", "of a random walk's poison"), rows)
+
+
+def _figure(courses: Sequence[Course]) -> Figure:
+    """Food and poison touched per s over time."""
+    drawn, axes = figure(1, 2, width=7.2, height=3.2)
+    for axis, kind in zip(axes, ("food", "poison"), strict=True):
+        for course in courses:
+            draw(axis, course.agent, course.time, course.touches[kind] / course.every)
+        axis.set(title=kind, xlabel="time, s", ylabel="touched, items/s", xlim=(0, None), ylim=(0, None))
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AGENTS))
+    return drawn
