@@ -56,7 +56,7 @@ def follow(agent: str, every: float, options: BaselinesConfig, *overrides: str) 
     those of the configuration.
     """
     config = compose(*overrides)
-    network = None
+    network: Network | None = None
     if agent in config.experiment.robots:
         world, advance, network = _spiking(compose(*overrides, f"robot={agent}"))
     else:
