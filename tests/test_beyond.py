@@ -81,6 +81,7 @@ def test_a_page_gets_its_table_and_figure(
     assert found.startswith("Before.\n<!--")
     assert found.endswith("-->\nAfter.\n")
     assert "old" not in found
+    assert "(page.png)" in found
     assert found.count("| 60 s |") == 2
     assert (tmp_path / "page.png").read_bytes().startswith(b"\x89PNG")
     assert "sarsa lambda" in capsys.readouterr().out

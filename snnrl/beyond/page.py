@@ -40,10 +40,11 @@ class Page:
         write(folder / "figure.png", png(self.figure, 110))
 
     def put_into(self, path: Path) -> None:
-        """Replace the table in a page, and the figure of its name beside it; raises as `around_table` does."""
+        """Replace the table and the figure in a page; raises as `around_table` does."""
         before, after = around_table(path)
-        write(path, f"{before}{BEGIN}{self.table}{END}{after}")
-        write(path.with_suffix(".png"), png(self.figure, 110))
+        drawn = path.with_suffix(".png")
+        write(drawn, png(self.figure, 110))
+        write(path, f"{before}{BEGIN}![What is in the table, over time]({drawn.name})\n\n{self.table}{END}{after}")
 
 
 def around_table(path: Path) -> tuple[str, str]:
