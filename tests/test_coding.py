@@ -151,7 +151,7 @@ def test_a_gain_on_the_mean_is_refused_where_no_table_reaches(kind: str) -> None
 
 
 def test_exploration_drives_exactly_one_side_for_the_whole_tick() -> None:
-    simulation = food_only(50)
+    simulation = food_only(50, "coding.exploration_gain=1")
     chosen = []
     for tick in range(6):
         simulation.network.time.fill_(tick * TICK)
@@ -190,7 +190,7 @@ def explored(simulation: Simulation) -> tuple[Tensor, str]:
 
 @pytest.mark.parametrize("gain", [1.45, 0.0])
 def test_the_exploration_gain_is_a_factor_on_its_counts(gain: float) -> None:
-    plain, scaled = food_only(1, "seed=4"), food_only(1, "seed=4", f"coding.exploration_gain={gain}")
+    plain, scaled = (food_only(1, "seed=4", f"coding.exploration_gain={factor}") for factor in (1.0, gain))
     counts, motor = explored(plain)
     current = currents(scaled, [[0.0, 0.0]])[:, 0, span(scaled, motor)]
     assert torch.equal(current, gain * counts)

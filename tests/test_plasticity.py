@@ -133,7 +133,7 @@ def test_a_projection_potentiates_from_its_own_arrival() -> None:
     network = make_simulation(*options, rule[0]).network
     assert {p.rule.travel for p in projections_of(network) if p.rule is not None} == {0}
     with pytest.raises(ConfigError, match=r"network\.plasticity\.simultaneous=potentiates: must be depresses with"):
-        make_simulation(*options, rule[1])
+        make_simulation(*options, rule[1], "network.plasticity.simultaneous=potentiates")
     with pytest.raises(ValueError, match="must be depresses"):
         replace(RULE, travel=1)
 

@@ -39,14 +39,20 @@ from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.job import perform
 from snnrl.schema import Config
 
-TRIAL, SECONDS, FROM = 60, 5.6, 2.1  # trial 60 finds food at 2.5 s and at 5.0 s
+TRIAL, SECONDS, FROM = 22, 5.6, 2.1  # trial 22 finds food at 2.3 s and at 3.6 s
 HOW_TO = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     folder = tmp_path_factory.mktemp("run")
-    sizes = ("trials=2", "trial_start=59", f"seconds={SECONDS}", "record.every=0.7", "record.tensorboard=false")
+    sizes = (
+        "trials=2",
+        f"trial_start={TRIAL - 1}",
+        f"seconds={SECONDS}",
+        "record.every=0.7",
+        "record.tensorboard=false",
+    )
     perform(compose_config("+experiment=food_attraction", *sizes, "threads=1"), folder)
     return Run(folder)
 
@@ -75,7 +81,7 @@ def test_the_replay_ends_as_the_run_did(run: Run, recording: Recording) -> None:
     for name in run.series["projections"].tolist():
         assert row[name] == f"{float(simulation.network.projections[name].mean_weight()):.6g}"
         weights = simulation.network.projections[name].matrix()[0].coalesce()
-        np.testing.assert_array_equal(run.weights[name][TRIAL - 59][tuple(weights.indices())], weights.values())
+        np.testing.assert_array_equal(run.weights[name][1][tuple(weights.indices())], weights.values())
 
 
 def test_its_spikes_are_the_runs(run: Run, recording: Recording) -> None:
@@ -85,7 +91,7 @@ def test_its_spikes_are_the_runs(run: Run, recording: Recording) -> None:
         own = (recording.neuron >= group.start) & (recording.neuron < group.start + group.size)
         edges = np.append(recording.start, np.rint(1000 * run.time[inside]))
         counts, _ = np.histogram(recording.time[own], edges)
-        rates = run.firing_rate(name)[inside, TRIAL - 59]
+        rates = run.firing_rate(name)[inside, 1]
         np.testing.assert_allclose(counts, rates * group.size * spans, rtol=1e-4)
 
 
@@ -260,11 +266,11 @@ def test_a_film_where_there_is_ffmpeg(replayed: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--trial", "61"], "--trial=61: the run has trials 59 to 60"),
-        (["--trial", "60", "--from", "5.6"], "--from=5.6: must be at least 0 and less than the run's 5.6 s"),
-        (["--trial", "60", "--from", "nan"], "--from=nan: must be at least 0 and less than the run's 5.6 s"),
+        (["--trial", "23"], "--trial=23: the run has trials 21 to 22"),
+        (["--trial", "22", "--from", "5.6"], "--from=5.6: must be at least 0 and less than the run's 5.6 s"),
+        (["--trial", "22", "--from", "nan"], "--from=nan: must be at least 0 and less than the run's 5.6 s"),
         (
-            ["--trial", "60", "--from", "3", "--to", "2"],
+            ["--trial", "22", "--from", "3", "--to", "2"],
             "--to=2.0: must be more than --from=3 and at most the run's 5.6 s",
         ),
     ],

@@ -49,7 +49,6 @@ MODULATOR = """
 dlevel/dt = (baseline - level) / tau : 1
 arrived : 1
 """
-# v is reset only after the synapses' turn, so v < 30 says that a neuron has not fired in this step
 PLASTIC = """
 w : 1
 sent : 1
@@ -57,8 +56,14 @@ deligibility/dt = -eligibility / tau_eligibility : 1 (clock-driven)
 dgain/dt = -gain / tau_plus : 1 (event-driven)
 dloss/dt = -loss / tau_minus : 1 (event-driven)
 """
-ARRIVE, LEVEL, SHARE, PAIR, WEIGHT, HOMEOSTASIS = range(6)  # homeostasis takes three places
-LATCH, SEND = 8, 9
+ARRIVE, LEVEL, SHARE, FIRST, SECOND, WEIGHT, HOMEOSTASIS = range(7)  # homeostasis takes three places
+LATCH, SEND = 9, 10
+# What a presynaptic spike does, its turn and that of a postsynaptic one in the same ms. v is reset only after the
+# synapses' turn, so v < 30 says that a neuron has not fired in this step
+PAIRS = {
+    "potentiates": ("eligibility -= loss * int(v_post < 30); gain = potentiation", FIRST, SECOND),
+    "depresses": ("eligibility -= loss; gain = potentiation", SECOND, FIRST),
+}
 
 
 @dataclass
@@ -141,12 +146,13 @@ def describe(network: Network, injected: Tensor) -> Description:
     count = table.plastic
     pre, post, delay = (part.numpy() for part in (table.pre, table.post, table.delay))
     member = "".join(f"member{k} : 1 (constant)\n" for k in range(len(sets)))
+    pair, pre_turn, post_turn = PAIRS[rule.simultaneous]
     plastic = brian2.Synapses(
         neurons,
         neurons,
         PLASTIC + member,
         on_pre={
-            "pair": "eligibility -= loss * int(v_post < 30); gain = potentiation",
+            "pair": pair,
             "latch": "sent = w",
             "send": "arriving_post += sent * synaptic_gain",
         },
@@ -157,8 +163,7 @@ def describe(network: Network, injected: Tensor) -> Description:
     plastic.connect(i=pre[:count], j=post[:count])
     plastic.w = table.weight[:count].numpy()
     plastic.send.delay = (delay[:count] - 1) * ms
-    # Brian2 runs the postsynaptic pathway after those of the same order that were made before it
-    plastic.pair.order, plastic.post.order, plastic.latch.order, plastic.send.order = PAIR, PAIR, LATCH, SEND
+    plastic.pair.order, plastic.post.order, plastic.latch.order, plastic.send.order = pre_turn, post_turn, LATCH, SEND
     plastic.run_regularly("w = clip(w + eligibility * level_post, 0, weight_max)", when="synapses", order=WEIGHT)
     members.append(plastic)
     if count < len(pre):

@@ -61,12 +61,7 @@ class DenseNetwork:
         self.level = dopamine.baseline + (self.level - dopamine.baseline) * math.exp(-1.0 / dopamine.tau)
         self.level = self.level + dopamine.values["release"] * count * (count > dopamine.values["threshold"])
 
-        before, after = fired[:, :, None], fired[:, None, :]
-        self.last_pre = torch.where(fired, rule.potentiation, self.last_pre * math.exp(-1.0 / rule.tau_plus))
-        self.last_post = self.last_post * math.exp(-1.0 / rule.tau_minus)
-        loss = torch.where(before, -self.last_post[:, None, :], 0.0)
-        change = torch.where(after, self.last_pre[:, :, None], loss)
-        self.last_post = torch.where(fired, rule.depression, self.last_post)
+        change = self._pairs(fired)
         self.eligibility = self.eligibility * math.exp(-1.0 / rule.tau_eligibility) + change
         learnt = (self.weight + self.eligibility * self.level[:, None, None]).clamp(0.0, rule.weight_max)
         self.weight = torch.where(self.plastic, learnt, self.weight)
@@ -77,3 +72,21 @@ class DenseNetwork:
 
         self.arriving = self.gain * torch.einsum("bi,bij->bj", fired.to(self.v.dtype), self.weight)
         return fired
+
+    def _pairs(self, fired: Tensor) -> Tensor:
+        """What the pairs that this ms's spikes complete add to the eligibility; the traces are brought up to date."""
+        rule, before, after = self.rule, fired[:, :, None], fired[:, None, :]
+        earlier, self.last_post = (
+            trace * math.exp(-1.0 / tau)
+            for trace, tau in ((self.last_pre, rule.tau_plus), (self.last_post, rule.tau_minus))
+        )
+        self.last_pre = torch.where(fired, rule.potentiation, earlier)
+        latest = torch.where(fired, rule.depression, self.last_post)
+        if rule.simultaneous == "depresses":
+            rise = torch.where(after, earlier[:, :, None], 0.0)
+            change = rise - torch.where(before, latest[:, None, :], 0.0)
+        else:
+            loss = torch.where(before, -self.last_post[:, None, :], 0.0)
+            change = torch.where(after, self.last_pre[:, :, None], loss)
+        self.last_post = latest
+        return change
