@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
+import pytest
 import torch
 from helpers import compose_config
 
 from snnrl.beyond import extinction
-from snnrl.beyond.extinction import AROUND, AT, CUE, DELAY, LENGTH, REWARD, answer, dip, evoked
+from snnrl.beyond.extinction import AROUND, AT, DELAY, LENGTH, answer, dip, evoked
 from snnrl.configuration.builder import build
 
 
@@ -42,13 +41,7 @@ def test_periods_end_when_food_goes_and_when_it_comes_back() -> None:
     assert ends == {"with food": (13, 15), "without": (24, 25), "food again": (34, 35)}
 
 
-def test_a_page_keeps_its_words_and_gets_new_tables(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text(f"words\n\n{extinction.BEGIN}\nold\n{extinction.END}\n\nmore\n")
-    extinction.put(page, "| new |\n")
-    extinction.put(page, "| new |\n")
-    assert (
-        page.read_text()
-        == f"words\n\n{extinction.BEGIN}\n\n| new |\n\n![The same as a figure](page.png)\n\n{extinction.END}\n\nmore\n"
-    )
-    assert {CUE, REWARD} <= set(compose_config("+experiment=extinction").network.groups)
+def test_all_is_measured_with_and_without_inhibition(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extinction, "SHOWN", 2)
+    tables = extinction.make(("trials=2", "threads=1"), 0.02).table.split("\n\n")
+    assert [len(table.splitlines()) - 2 for table in tables] == [2 * 5, 2 * 4, 3 * 2]

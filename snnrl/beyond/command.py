@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import avoidance, chain, changing_world, regimes
+from snnrl.beyond import avoidance, chain, changing_world, extinction, regimes
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
@@ -25,6 +25,7 @@ from snnrl.running.command import FORESEEN, explain, status
 EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
     "changing_world": changing_world.make,
     "chain": chain.make,
+    "extinction": extinction.make,
     "regimes": regimes.make,
     "avoidance": avoidance.make,
 }

@@ -1,4 +1,4 @@
-"""Unlearning what no longer predicts food; `python -m snnrl.beyond.extinction` measures its page in docs/beyond again.
+"""Unlearning what no longer predicts food.
 
 After Chorley and Seth 2011 (Front. Comput. Neurosci. 5:21): conf/network/predicting.yaml, with and without its
 inhibition of expected reward. In open loop a container's touch is the cue, food's touch the reward; then the robot.
@@ -6,22 +6,21 @@ inhibition of expected reward. In open loop a container's touch is the cue, food
 
 from __future__ import annotations
 
-import argparse
 import copy
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 import torch
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from snnrl.beyond.course import interval
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.style import band, figure, mark, png
+from snnrl.drawing.style import band, figure, mark
 from snnrl.engines import Engine, make_engine
-from snnrl.files import write
-from snnrl.intervals import student, wilson
+from snnrl.intervals import wilson
 from snnrl.model.network import Network
 
 DOPAMINERGIC, CUE, OTHER, REWARD = "dopaminergic", "food_container_touch", "empty_container_touch", "food_touch"
@@ -41,7 +40,7 @@ CONTROLS = {
     "thesis's network": ("network=food_container",),
 }
 COLOURS = dict(zip(CONTROLS, ("#0072B2", "#D55E00", "#7f7f7f"), strict=True))
-BEGIN, END = "<!-- measured -->", "<!-- end -->"
+TRAINED, OMITTED, SAMPLES = 160, 200, 70  # presentations with reward, without it, and samples of a robot's life
 FELL = 0.2  # of what it was: what has come down to this is unlearnt
 
 
@@ -100,10 +99,15 @@ def dip(response: Tensor) -> Tensor:
     return response[AROUND].mean(0) / response[:AT].mean(0) - 1.0
 
 
+def told(response: Tensor) -> tuple[Tensor, ...]:
+    """Answers at the cue's and the reward's time, and the rate around the latter, [B] each."""
+    return answer(response, AT), answer(response, AT + DELAY), dip(response)
+
+
 def open_loop(overrides: Sequence[str], stages: Sequence[Stage]) -> dict[str, Tensor]:
     """The `responses` of a network of the experiment."""
     network = build(compose(EXPERIMENT, *overrides)).network
-    return responses(network, make_engine("auto", "cpu", 1), stages)
+    return responses(network, make_engine("auto", "cpu"), stages)
 
 
 def evoked(network: Network) -> Tensor:
@@ -129,7 +133,7 @@ def lead(network: Network) -> Tensor:
 def live(overrides: Sequence[str], samples: int) -> dict[str, np.ndarray]:
     """The robot's life: `time` (s) [T], and what is measured in each of T equal parts, [T, B] each."""
     config = compose(EXPERIMENT, *overrides)
-    simulation, engine = build(config), make_engine("auto", "cpu", 1)
+    simulation, engine = build(config), make_engine("auto", "cpu")
     network, world = simulation.network, simulation.situation.world
     ticks = round(1000 * config.seconds / simulation.tick / samples)
     series: dict[str, list[Tensor]] = {"time": [], "response": [], "lead": [], "visits": [], "food": []}
@@ -145,14 +149,6 @@ def live(overrides: Sequence[str], samples: int) -> dict[str, np.ndarray]:
     return {name: torch.stack(values).double().numpy() for name, values in series.items()}
 
 
-def interval(values: Tensor | np.ndarray) -> str:
-    """A mean and its interval, of an array [n]."""
-    if len(values) < 2:
-        return "too few"
-    low, high = student(values)
-    return f"{float(values.mean()):.2f} [{low:.2f}, {high:.2f}]"
-
-
 def share(which: np.ndarray) -> str:
     """A share of trials and its interval, of bool [n]."""
     if not len(which):
@@ -161,15 +157,15 @@ def share(which: np.ndarray) -> str:
     return f"{which.sum()} of {len(which)} [{100 * low:.0f}, {100 * high:.0f} %]"
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table."""
-    return "\n".join("| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rows)) + "\n"
-
-
 def open_loop_table(found: Mapping[str, Mapping[str, Tensor]]) -> str:
     """Responses by network and stage."""
     rows = [
-        [network, stage, *(interval(answer(response, at)) for at in (AT, AT + DELAY)), interval(dip(response))]
+        [
+            network,
+            stage,
+            *(interval(answer(response, at).numpy(), 2) for at in (AT, AT + DELAY)),
+            interval(dip(response).numpy(), 2),
+        ]
         for network, stages in found.items()
         for stage, response in stages.items()
     ]
@@ -178,7 +174,7 @@ def open_loop_table(found: Mapping[str, Mapping[str, Tensor]]) -> str:
 
 def second_cue_table(found: Mapping[str, Mapping[str, Tensor]]) -> str:
     """The answer to the second cue, by what was done."""
-    rows = [[done, interval(answer(stages["second cue"], AT))] for done, stages in found.items()]
+    rows = [[done, interval(answer(stages["second cue"], AT).numpy(), 2)] for done, stages in found.items()]
     return table(["before the second cue is shown alone", "answer to it"], rows)
 
 
@@ -197,7 +193,7 @@ def lives_table(lives: Mapping[str, Mapping[str, np.ndarray]], gone: float, back
         for name, least in (("response", 0.1), ("lead", 0.2)):
             learnt, unlearnt, again = (series[name][part].mean(0) for part in parts.values())
             had = learnt > least
-            means = [interval(values[had]) for values in (learnt, unlearnt, again)]
+            means = [interval(values[had], 2) if had.sum() > 1 else "too few" for values in (learnt, unlearnt, again)]
             fell = unlearnt[had] <= FELL * learnt[had]
             returned = again[had] >= 0.5 * learnt[had]
             rows.append([robot, name, share(had), *means, share(fell), share(returned)])
@@ -231,8 +227,9 @@ def draw(
     return drawn
 
 
-def measure(overrides: Sequence[str], trained: int, omitted: int, samples: int) -> tuple[str, Figure]:
-    """All of it: the tables, and the figure."""
+def make(overrides: Sequence[str], part: float = 1.0) -> Page:
+    """All of it; `part` of the presentations, and of a robot's life."""
+    trained, omitted, samples = (max(1, round(part * whole)) for whole in (TRAINED, OMITTED, SAMPLES))
     both = {name: CONTROLS[name] for name in ("predicting", "without inhibition")}
     found = {name: open_loop([*overrides, *control], conditioning(trained, omitted)) for name, control in both.items()}
     others = {
@@ -245,34 +242,12 @@ def measure(overrides: Sequence[str], trained: int, omitted: int, samples: int) 
             "first cue and reward; then second cue, then first cue": second_order(trained, SHOWN),
         }.items()
     }
-    lives = {name: live([*overrides, *control], samples) for name, control in CONTROLS.items()}
-    food = compose(EXPERIMENT, *overrides).body()[1].kinds["food"]
+    usual = compose(EXPERIMENT, *overrides)
+    food = usual.body()[1].kinds["food"]
     assert food.absent_from is not None
     assert food.absent_until is not None
-    bounds = food.absent_from, food.absent_until
-    tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, *bounds))
-    return "\n".join(tables), draw(found, lives, *bounds)
-
-
-def put(page: Path, tables: str) -> None:
-    """Exchange what a page has between BEGIN and END for tables, and the figure that is beside it."""
-    head, _, rest = page.read_text().partition(BEGIN)
-    write(page, f"{head}{BEGIN}\n\n{tables}\n![The same as a figure]({page.stem}.png)\n\n{END}{rest.partition(END)[2]}")
-
-
-def main() -> None:
-    """The command."""
-    parser = argparse.ArgumentParser(description="Measure extinction again, and write its page's tables and figure.")
-    parser.add_argument("overrides", nargs="*", help="of the configuration, such as trials=10")
-    parser.add_argument("--page", type=Path, default=Path("docs/beyond/extinction.md"))
-    parser.add_argument("--trained", type=int, default=160, help="presentations with reward")
-    parser.add_argument("--omitted", type=int, default=200, help="presentations without")
-    parser.add_argument("--samples", type=int, default=70, help="of a robot's life")
-    given = parser.parse_args()
-    tables, drawn = measure(given.overrides, given.trained, given.omitted, given.samples)
-    put(given.page, tables)
-    write(given.page.with_suffix(".png"), png(drawn, 120))
-
-
-if __name__ == "__main__":
-    main()
+    gone, back = part * food.absent_from, part * food.absent_until
+    times = (f"seconds={part * usual.seconds:g}", f"world.kinds.food={{absent_from: {gone:g}, absent_until: {back:g}}}")
+    lives = {name: live([*overrides, *control, *times], samples) for name, control in CONTROLS.items()}
+    tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, gone, back))
+    return Page("\n".join(tables), draw(found, lives, gone, back))
