@@ -40,6 +40,10 @@ CASES: dict[str, tuple[str, ...]] = {
     "secondary_behaviour/benchmark": LONG,
     "dual_learning/learning": LONG,
     "stdp_search/learning": LONG,
+    "changing_world/learning": (*LONG, "turns=12"),
+    "chain/learning": LONG,
+    "avoidance/learning": LONG,
+    "extinction/learning": (*LONG, "absent=10"),
     "distal_reward/learning": TASK,
     "classical_conditioning/learning": TASK,
     "dual_learning/learning, reference": ("engine=reference", "seconds=4.2", "record.every=1.4", *SMALL),
@@ -48,7 +52,11 @@ CASES: dict[str, tuple[str, ...]] = {
     "dual_learning/learning, float64": (*LONG, "dtype=float64"),
     "food_attraction/learning, float64": (*LONG, "dtype=float64"),
 }
-MOVED = {"poison=": "world.kinds.food.poison_from="}  # a case's words, and the keys that they stand for today
+MOVED = {  # a case's words, and the keys that they stand for today
+    "poison=": "world.kinds.food.poison_from=",
+    "turns=": "world.kinds.food.turns_every=",
+    "absent=": "world.kinds.food.absent_from=",
+}
 
 
 def digests(case: str, folder: Path) -> dict[str, str]:
