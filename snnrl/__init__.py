@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from snnrl.body.robot import Robot
     from snnrl.body.world import World
     from snnrl.configuration.builder import build, build_network
+    from snnrl.data import load, table
     from snnrl.engines import make_engine
     from snnrl.model.draws import Draws
     from snnrl.model.network import Network
@@ -31,11 +32,13 @@ __all__ = [
     "__version__",
     "build",
     "build_network",
+    "load",
     "make_engine",
     "record",
     "run_network",
     "run_simulation",
     "schema",
+    "table",
 ]
 
 MODULES = {
@@ -49,10 +52,12 @@ MODULES = {
     "World": "snnrl.body.world",
     "build": "snnrl.configuration.builder",
     "build_network": "snnrl.configuration.builder",
+    "load": "snnrl.data",
     "make_engine": "snnrl.engines",
     "record": "snnrl.recording.monitors",
     "run_network": "snnrl.recording.monitors",
     "run_simulation": "snnrl.recording.monitors",
+    "table": "snnrl.data",
 }
 
 

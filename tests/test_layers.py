@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "replay": "errors schema extras files model engines simulation configuration drawing recording running",
     "beyond": "errors schema files intervals model body engines simulation configuration drawing recording running "
     "agents",
+    "data": "errors files recording running",
     "thesis": "errors schema files intervals model body engines simulation configuration drawing recording running",
 }
 COMMANDS = {"command", "run", "reproduce", "calibrate", "search", "collect", "environments"}
@@ -204,8 +205,7 @@ def test_what_is_imported_is_declared_and_the_other_way_round() -> None:
     owners = packages_distributions()
     imported = {distribution(owners[name][0]) for name in modules - sys.stdlib_module_names}
     declared = set(map(distribution, project["dependencies"]))
-    extras = {
-        distribution(name) for kind in (*EXTRAS, "parquet", "render") for name in project["optional-dependencies"][kind]
-    } - {"snnrl"}
+    kinds = (*EXTRAS, "data", "nwb", "parquet", "render")
+    extras = {distribution(name) for kind in kinds for name in project["optional-dependencies"][kind]} - {"snnrl"}
     assert imported == declared | extras
     assert not declared & extras

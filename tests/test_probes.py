@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +38,11 @@ def moment(simulation: Simulation[Any], ticks: int = 10) -> Moment:
 @pytest.mark.parametrize("case", CASES)
 def test_what_is_read_has_the_shape_that_is_said(case: str) -> None:
     simulation = make_simulation(*CASES[case])
-    sizes = {"B": 3, "G": len(simulation.network.groups), "P": len(followed(simulation)), "K": 5, "2": 2}
+    sizes = {"trial": 3, "group": len(simulation.network.groups), "projection": len(followed(simulation))}
+    sizes |= {"stimulus": 5, "axis": 2}
     seen = moment(simulation)
     for probe in probes_of(simulation):
-        said = re.match(r"\[(.*?)\]", probe.shape)
-        expected = [sizes[letter] for letter in said[1].split(", ")] if said else []
+        expected = [sizes[name] for name in probe.dims]
         value = probe.read(seen)
         assert list(value.shape) == expected, probe.name
         if probe.tag:
@@ -82,7 +81,7 @@ def test_one_more_probe_is_one_function_and_one_entry(tmp_path: Path) -> None:
     config = compose_config("+experiment=food_attraction", "trials=2", "record.every=1")
     simulation = build(config)
     kept = kept_of(simulation, config.experiment.correct)
-    own = Probe("potential", potential, "[B], mV", tag="mine/potential, mV")
+    own = Probe("potential", potential, ("trial",), "mV", tag="mine/potential, mV")
     recorder = Recorder(simulation, dataclasses.replace(kept, probes=(*kept.probes, own)), config.record, tmp_path)
     expected = []
     for _ in range(3):

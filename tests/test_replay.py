@@ -8,6 +8,8 @@ import math
 import re
 import shutil
 from dataclasses import replace
+from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -35,11 +37,13 @@ from snnrl.model.neurons import NEVER
 from snnrl.recording.runs import Run
 from snnrl.replay import replay
 from snnrl.replay.credit import Credit, Ledger, pairs_of
+from snnrl.replay.nwb import write_nwb
 from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.job import perform
 from snnrl.schema import Config
 
 TRIAL, SECONDS, FROM = 22, 5.6, 2.1  # trial 22 finds food at 2.3 s and at 3.6 s
+NWB = ["--nwb"] if find_spec("pynwb") else []
 HOW_TO = (Path(__file__).parents[1] / "docs" / "replay.md").read_text()
 
 
@@ -70,7 +74,7 @@ def recording(run: Run) -> Recording:
 @pytest.fixture(scope="module")
 def replayed(run: Run) -> Path:
     """What the command line leaves."""
-    replay.main([str(run.folder), "--trial", str(TRIAL), "--from", f"{FROM}", "--to", "3"])
+    replay.main([str(run.folder), "--trial", str(TRIAL), "--from", f"{FROM}", "--to", "3", *NWB])
     return run.folder / "replay" / f"trial-{TRIAL}-{FROM:g}-3"
 
 
@@ -239,7 +243,7 @@ def test_pairs_make_the_eligibility_of_the_networks_own_step(simultaneous: str, 
 
 def test_the_command_leaves_what_it_promises(replayed: Path) -> None:
     assert sorted(path.name for path in replayed.iterdir() if path.suffix != ".mp4") == [
-        *("credit.csv", "credit.png", "raster.png", "replay.gif", "spikes.npz"),
+        *("credit.csv", "credit.png", "raster.png", "replay.gif", *("replay.nwb" for _ in NWB), "spikes.npz"),
     ]
     with Image.open(replayed / "replay.gif") as film:
         assert film.n_frames == 13  # type: ignore[attr-defined]
@@ -326,3 +330,37 @@ def test_the_how_to_loads_what_was_written(
         assert isinstance(trains, list)
         assert len(trains) == spikes["size"].sum()
         assert sum(len(train) for train in trains) == len(spikes["time"])
+
+
+def test_it_is_written_for_other_laboratories(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pynwb = pytest.importorskip("pynwb", reason="pynwb is not installed")
+    path = tmp_path / "replay.nwb"
+    write_nwb(recording, path, "a trial", datetime(2012, 6, 1, tzinfo=UTC))
+    assert not pynwb.validate(path=str(path))
+    monkeypatch.chdir(path.parent)
+    exec(next(block for block in re.findall(r"```py\n(.*?)```", HOW_TO, re.DOTALL) if "pynwb" in block), {})
+    counted = capsys.readouterr().out
+    for group in recording.simulation.network.groups:
+        assert group in counted
+    with pynwb.NWBHDF5IO(path, "r") as file:
+        read = file.read()
+        units = read.units.to_dataframe()
+        groups = recording.simulation.network.groups
+        assert units["group"].value_counts(sort=False).to_dict() == {name: g.size for name, g in groups.items()}
+        spikes = [(round(1000 * s), k) for k, train in enumerate(units["spike_times"]) for s in train]
+        assert sorted(spikes) == sorted(zip(recording.time.tolist(), recording.neuron.tolist(), strict=True))
+        behaviour = read.processing["behavior"]
+        position = behaviour["Position"]["position"]
+        scenes = np.array([scene["position"][0].tolist() for scene in recording.scenes])
+        np.testing.assert_array_equal(position.data, scenes)
+        assert (position.unit, position.starting_time) == ("meters", recording.start / 1000)
+        assert position.rate == pytest.approx(1000 / 70)
+        heading = behaviour["CompassDirection"]["heading"].data
+        assert heading[-1] == recording.scenes[-1]["heading"][0]
+        assert behaviour["touches_food"].data[:].tolist() == recording.touches["food"].tolist()
+        np.testing.assert_array_equal(read.acquisition["dopamine"].data, recording.levels)
+        rewards = read.intervals["rewards"].to_dataframe()
+        assert rewards["cause"].tolist() == [reward.cause for reward in recording.credit.rewards]
+        assert rewards["start_time"].tolist() == [reward.start / 1000 for reward in recording.credit.rewards]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -19,12 +19,15 @@ from snnrl.engines.watched import WatchedEngine
 from snnrl.errors import ConfigError
 from snnrl.model.network import Network
 from snnrl.model.synapses import Projection
+from snnrl.recording.datasets import of_monitor
 from snnrl.schema import MonitorConfig
 from snnrl.simulation import Simulation
 
+if TYPE_CHECKING:
+    from xarray import Dataset
+
 SPIKES = "spikes"
 OF_A_PROJECTION, OF_A_MODULATOR = ("weight", "eligibility"), ("level",)
-UNITS: Mapping[str, str] = {"v": "mV", "weight": "mV", "eligibility": "mV/(uM ms)", "level": "uM"}
 
 
 class Monitor:
@@ -145,8 +148,17 @@ class Monitor:
         self._spikes.append(np.stack([start + time, self.axes["trials"][trial], self.axes["neurons"][neuron]], 1))
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """Everything by name: `time`, the axes and the quantities."""
-        return {"time": self.time, **self.axes, **{quantity: self[quantity] for quantity in self.quantities}}
+        """Everything by name: what it is `of`, `time`, the axes and the quantities."""
+        seen = {quantity: self[quantity] for quantity in self.quantities}
+        return {"of": np.array(self.of), "time": self.time, **self.axes, **seen}
+
+    def dataset(self) -> Dataset:
+        """Everything as an xarray dataset; see `snnrl.recording.datasets.of_monitor`.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        return of_monitor(self.arrays())
 
     def size(self, ms: float) -> float:
         """Bytes that so many ms take, without spikes."""

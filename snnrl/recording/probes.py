@@ -76,25 +76,28 @@ class Probe:
     Attributes:
         name: of its array in series.npz, whose first dimension are the T samples.
         read: its values at a moment.
-        shape: of these values, and their unit, in words; B trials, G groups, P projections with a role, K stimuli. A
-            sum is since the start.
+        dims: what these values are along, in order: trials, groups, projections with a role, stimuli, or x and y.
+        unit: of these values.
         of: which simulations it applies to.
         between: whether they are of the time since the sample before, so that there are none at the start.
         tag: what TensorBoard calls their mean over trials; "" where it does not show them.
         parts: names of their last dimension, which follow the tag; None for one value a trial.
         outcome: whether this is what the run has come to so far: TensorBoard's measure of the run, and no series.
         told: how a line of progress tells their mean; "" where it does not.
+        note: what else is to be known of them.
     """
 
     name: str
     read: Callable[[Moment], Tensor]
-    shape: str
+    dims: tuple[str, ...]
+    unit: str
     of: Callable[[Simulation[Any]], bool] = any_network
     between: bool = False
     tag: str = ""
     parts: Callable[[Simulation[Any]], list[str]] | None = None
     outcome: bool = False
     told: str = ""
+    note: str = ""
 
     def tags(self, simulation: Simulation[Any]) -> list[str]:
         """One for each of the last dimension."""
@@ -224,35 +227,57 @@ def response(moment: Moment) -> Tensor:
     return moment.simulation.situation.stimuli.response
 
 
+EACH, BY_GROUP, BY_PROJECTION, BY_STIMULUS = (
+    *(("trial",), ("trial", "group")),
+    *(("trial", "projection"), ("trial", "stimulus")),
+)
+ZEROS, SUM = "absent synapses as zeros", "sum since the start"
+
 PROBES = (
-    Probe("time", time, "one for all, s"),
+    Probe("time", time, (), "s"),
     Probe(
         "collection_rate",
         collection_rate,
-        "[B], items/s",
+        EACH,
+        "items/s",
         of=is_robot,
         between=True,
         tag="behaviour/collection rate, items per s",
         told="{:.2f} food/s",
     ),
-    Probe("firing_rate", firing_rate, "[B, G], Hz", between=True, tag="firing rate, Hz", parts=groups),
-    Probe("weight", weight, "[B, P], mV, absent synapses as zeros", of=is_robot, tag=WEIGHT, parts=names),
-    Probe("eligibility", eligibility, "[B, P], absent ones as zeros", of=is_robot, tag=ELIGIBILITY, parts=names),
-    Probe("position", position, "[B, 2], cm", of=is_robot),
-    Probe("heading", heading, "[B], rad", of=is_robot),
-    Probe("nearest_item", nearest_item, "[B], cm, distance from the robot", of=is_robot),
-    Probe("dopamine", mean_dopamine, "[B], uM", of=robot_has_dopamine, between=True, tag="dopamine/mean level, uM"),
+    Probe("firing_rate", firing_rate, BY_GROUP, "Hz", between=True, tag="firing rate, Hz", parts=groups),
+    Probe("weight", weight, BY_PROJECTION, "mV", of=is_robot, tag=WEIGHT, parts=names, note=ZEROS),
     Probe(
-        "food", lambda moment: food(moment.simulation), "[B]", of=is_robot, tag="behaviour/food, items", outcome=True
+        "eligibility",
+        eligibility,
+        BY_PROJECTION,
+        "mV/(uM ms)",
+        of=is_robot,
+        tag=ELIGIBILITY,
+        parts=names,
+        note=ZEROS,
     ),
-    Probe("rewards", rewards, "[B], sum", of=is_task, tag="task/rewards", told="{:.1f} rewards"),
-    Probe("dopamine", dopamine, "[B], uM", of=task_has_dopamine, tag="task/dopamine"),
-    Probe("mean_weight", mean_weight, "[B], mV, of plastic synapses not watched", of=is_task, tag="task/mean_weight"),
-    Probe("chosen_weight", chosen_weight, "[B], mV, of the watched one", of=has_coincidence, tag="task/chosen_weight"),
-    Probe("max_weight", max_weight, "[B], mV, of those not watched", of=has_coincidence, tag="task/max_weight"),
-    Probe("coincidences", coincidences, "[B], sum", of=has_coincidence, tag="task/coincidences"),
-    Probe("presented", presented, "[B, K], sum", of=has_stimuli),
-    Probe("response", response, "[B, K], spikes, sum", of=has_stimuli),
+    Probe("position", position, ("trial", "axis"), "cm", of=is_robot),
+    Probe("heading", heading, EACH, "rad", of=is_robot),
+    Probe("nearest_item", nearest_item, EACH, "cm", of=is_robot, note="distance from the robot"),
+    Probe("dopamine", mean_dopamine, EACH, "uM", of=robot_has_dopamine, between=True, tag="dopamine/mean level, uM"),
+    Probe(
+        "food",
+        lambda moment: food(moment.simulation),
+        EACH,
+        "items",
+        of=is_robot,
+        tag="behaviour/food, items",
+        outcome=True,
+    ),
+    Probe("rewards", rewards, EACH, "", of=is_task, tag="task/rewards", told="{:.1f} rewards", note=SUM),
+    Probe("dopamine", dopamine, EACH, "uM", of=task_has_dopamine, tag="task/dopamine"),
+    Probe("mean_weight", mean_weight, EACH, "mV", of=is_task, tag="task/mean_weight", note="plastic, not watched"),
+    Probe("chosen_weight", chosen_weight, EACH, "mV", of=has_coincidence, tag="task/chosen_weight", note="watched"),
+    Probe("max_weight", max_weight, EACH, "mV", of=has_coincidence, tag="task/max_weight", note="not watched"),
+    Probe("coincidences", coincidences, EACH, "", of=has_coincidence, tag="task/coincidences", note=SUM),
+    Probe("presented", presented, BY_STIMULUS, "", of=has_stimuli, note=SUM),
+    Probe("response", response, BY_STIMULUS, "spikes", of=has_stimuli, note=SUM),
 )
 
 

@@ -34,8 +34,22 @@ class Run:
 
     @cached_property
     def weights(self) -> dict[str, np.ndarray]:
+        """At the end; none of a task."""
+        if not (self.folder / "weights.npz").exists():
+            return {}
         with np.load(self.folder / "weights.npz") as arrays:
             return dict(arrays)
+
+    @cached_property
+    def monitors(self) -> dict[str, dict[str, np.ndarray]]:
+        """What each monitor of the run has seen, by its name; see `snnrl.recording.monitors.Monitor.arrays`."""
+        found: dict[str, dict[str, np.ndarray]] = {}
+        if (self.folder / "monitors.npz").exists():
+            with np.load(self.folder / "monitors.npz") as arrays:
+                for name, values in arrays.items():
+                    monitor, _, key = name.rpartition("/")
+                    found.setdefault(monitor, {})[key] = values
+        return found
 
     @cached_property
     def trials(self) -> dict[str, np.ndarray]:

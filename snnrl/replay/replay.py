@@ -1,11 +1,11 @@
 """One trial of a run again, with everything recorded: an animation, the spikes, and which synapse owes what to whom.
 
-    python -m snnrl.replay RUN_FOLDER --trial 17 [--from S] [--to S]
+    python -m snnrl.replay RUN_FOLDER --trial 17 [--from S] [--to S] [--nwb]
 
 A trial depends on nothing but the run's seed and its number, so it is run again from its start by the run's own
 engine. What happened between --from and --to (simulated s; the first 30 s) is written to
 RUN_FOLDER/replay/trial-17-FROM-TO: replay.gif (and replay.mp4 where there is ffmpeg), raster.png, credit.csv,
-credit.png and spikes.npz. See docs/replay.md.
+credit.png and spikes.npz, and with --nwb replay.nwb. See docs/replay.md.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from snnrl.drawing.style import png
 from snnrl.engines import make_engine
 from snnrl.errors import ConfigError
 from snnrl.files import FolderError, npz_of, write
+from snnrl.replay.nwb import write_nwb
 from snnrl.replay.scenes import animate, draw_credit, draw_raster
 from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.command import FORESEEN, explain, status
@@ -33,8 +35,8 @@ from snnrl.running.schedule import ticks_of
 LENGTH = 30.0  # s that are recorded unless told otherwise
 
 
-def replay(folder: Path, trial: int, start: float = 0.0, end: float | None = None) -> None:
-    """Replay a trial and write what was recorded from `start` to `end` (s).
+def replay(folder: Path, trial: int, start: float = 0.0, end: float | None = None, nwb: bool = False) -> None:
+    """Replay a trial and write what was recorded from `start` to `end` (s), with `nwb` as NWB too.
 
     Raises:
         ConfigError: there is no such trial or time in the run.
@@ -59,6 +61,10 @@ def replay(folder: Path, trial: int, start: float = 0.0, end: float | None = Non
     recording = record(replace(config, trials=1, trial_start=trial), min(first, last - 1), last, original)
     to = folder / "replay" / f"trial-{trial}-{start:g}-{end:g}"
     save(recording, to)
+    if nwb:
+        described = f"{config.experiment.name}, {config.robot.name}, seed {config.seed}, trial {trial}"
+        began = datetime.fromtimestamp((folder / "config.yaml").stat().st_mtime, UTC)
+        write_nwb(recording, to / "replay.nwb", described, began)
     original.reach(recording.simulation, make_engine(config.engine, config.device, 1))
     report(recording, original, to)
 
@@ -114,13 +120,14 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--trial", type=int, required=True, help="its number in the run")
     made.add_argument("--from", type=float, default=0.0, dest="start", metavar="S", help="simulated s (default 0)")
     made.add_argument("--to", type=float, dest="end", metavar="S", help="simulated s (default: 30 s later)")
+    made.add_argument("--nwb", action="store_true", help='replay.nwb too; needs pip install "snnrl[nwb]"')
     return made
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     options = parser().parse_args(arguments)
     try:
-        replay(options.run, options.trial, options.start, options.end)
+        replay(options.run, options.trial, options.start, options.end, options.nwb)
     except FORESEEN as error:
         print(f"snnrl.replay: {explain(error)}", file=sys.stderr)
         sys.exit(status(error))

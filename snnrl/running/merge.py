@@ -138,8 +138,8 @@ def _grouped(runs: Iterable[Shard], key: Callable[[Shard], Hashable]) -> list[li
     return list(groups.values())
 
 
-def merge(runs: Sequence[Shard], latest: bool) -> dict[str, Any]:
-    """What the table says of the shards of one cell, but for its settings.
+def owners(runs: Sequence[Shard], latest: bool = False) -> dict[int, Shard]:
+    """Which of the shards of one cell each trial is taken from.
 
     Args:
         latest: whether the newest run that has a trial counts where more than one has it.
@@ -154,6 +154,12 @@ def merge(runs: Sequence[Shard], latest: bool) -> dict[str, Any]:
                 other = owner[trial].folder
                 raise FolderError(f"{run.folder}: repeats {other} (trial {trial}); with --latest the newer counts")
             owner[trial] = run
+    return owner
+
+
+def merge(runs: Sequence[Shard], latest: bool) -> dict[str, Any]:
+    """What the table says of the shards of one cell, but for its settings; see `owners`."""
+    owner = owners(runs, latest)
     values = np.array([owner[trial].values[trial] for trial in sorted(owner)])
     correct = [run.correct[trial] for trial, run in owner.items() if trial in run.correct]
     score, fraction = runs[0].score, sum(correct) / len(correct) if correct else None
@@ -178,11 +184,28 @@ def collect(paths: Iterable[Path], latest: bool = False) -> tuple[list[dict[str,
     All its rows have the same columns; what a run does not have is None.
 
     Args:
-        latest: whether the newest run that has a trial counts where more than one has it.
+        latest: see `owners`.
 
     Raises:
-        FolderError: names a folder that holds no run, is damaged, repeats another, or differs from one in what has no
-            column: in what a file held that both have chosen.
+        FolderError: as `cells`, or a run repeats another.
+    """
+    found, incomplete = cells(paths)
+    rows = [{**named, **merge(runs, latest)} for named, runs in found]
+    scores = [f"{score}_{part}" for score in SCORES for part in ("mean", "sd", "low", "high")]
+    names = list(found[0][0]) if found else ["experiment", "robot"]
+    wanted = (*names, "seconds", "trials", *scores, "correct", "correct_low", "correct_high")
+    there = [name for name in wanted if name not in scores or any(name in row for row in rows)]
+    return [{name: row.get(name) for name in there} for row in rows], incomplete
+
+
+def cells(paths: Iterable[Path]) -> tuple[list[tuple[dict[str, Any], list[Shard]]], list[Path]]:
+    """The complete runs in some folders, those of the same settings together, and the folders of the others.
+
+    Each cell comes with its names: experiment, robot and choice of settings, by the same keys for all.
+
+    Raises:
+        FolderError: names a folder that holds no run, is damaged, or differs from another in what has no name: in what
+            a file held that both have chosen.
     """
     read_in = {folder: read(folder) for folder in run_folders(paths)}
     runs = [run for run in read_in.values() if run is not None]
@@ -193,19 +216,16 @@ def collect(paths: Iterable[Path], latest: bool = False) -> tuple[list[dict[str,
         value = run.chosen.get(key, run.settings.get(key))
         return "null" if value is None and key in tables and key in run.settings else value
 
-    rows, told = [], dict[str, Shard]()
+    found, told = [], dict[str, Shard]()
     for cell in _grouped(runs, lambda run: (run.experiment, run.robot, json.dumps(run.settings, sort_keys=True))):
         merged = {key: next((v for run in cell if (v := chosen(run, key)) is not None), None) for key in keys}
         first = cell[0]
         other = told.setdefault(str((first.experiment, first.robot, first.seconds, merged)), first)
         if differs := difference(first.settings, other.settings):
             raise FolderError(f"{first.folder}: contradicts {other.folder} ({differs})")
-        rows.append({"experiment": first.experiment, "robot": first.robot, **merged, **merge(cell, latest)})
-    rows.sort(key=lambda row: [row["experiment"], row["robot"], *(_order(row[key]) for key in keys)])
-    scores = [f"{score}_{part}" for score in SCORES for part in ("mean", "sd", "low", "high")]
-    wanted = ("experiment", "robot", *keys, "seconds", "trials", *scores, "correct", "correct_low", "correct_high")
-    there = [name for name in wanted if name not in scores or any(name in row for row in rows)]
-    return [{name: row.get(name) for name in there} for row in rows], [f for f, run in read_in.items() if run is None]
+        found.append(({"experiment": first.experiment, "robot": first.robot, **merged}, cell))
+    found.sort(key=lambda cell: [cell[0]["experiment"], cell[0]["robot"], *(_order(cell[0][key]) for key in keys)])
+    return found, [folder for folder, run in read_in.items() if run is None]
 
 
 def _order(value: Any) -> tuple[bool, float, str]:
