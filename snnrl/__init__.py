@@ -5,7 +5,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from snnrl import schema
+    from snnrl import plot, schema
     from snnrl.body.robot import Robot
     from snnrl.body.world import World
     from snnrl.configuration.builder import build, build_network
@@ -34,6 +34,7 @@ __all__ = [
     "build_network",
     "load",
     "make_engine",
+    "plot",
     "record",
     "run_network",
     "run_simulation",
@@ -63,8 +64,8 @@ MODULES = {
 
 def __getattr__(name: str) -> Any:
     """Import what is asked for: help and completion on the command line need no torch, which takes seconds."""
-    if name == "schema":
-        return import_module("snnrl.schema")
+    if name in ("plot", "schema"):
+        return import_module(f"snnrl.{name}")
     if name in MODULES:
         return getattr(import_module(MODULES[name]), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -36,6 +36,7 @@ MAY_IMPORT = {
     "beyond": "errors schema files intervals model body engines simulation configuration drawing recording running "
     "agents",
     "data": "errors files recording running",
+    "plot": "errors drawing",
     "thesis": "errors schema files intervals model body engines simulation configuration drawing recording running",
 }
 COMMANDS = {"command", "run", "reproduce", "calibrate", "search", "collect", "environments"}

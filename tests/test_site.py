@@ -16,8 +16,9 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
     reference = (tmp_path / "api" / "index.html").read_text()
-    for name in set(snnrl.__all__) - {"__version__", "schema"}:
+    for name in set(snnrl.__all__) - {"__version__", "plot", "schema"}:
         assert f".{name}" in reference, name
     assert "snnrl.schema.NetworkConfig" in reference
+    assert "snnrl.plot.raster" in reference
     tutorial = (tmp_path / "tutorial" / "index.html").read_text()
     assert "```" not in tutorial
