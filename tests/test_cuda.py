@@ -119,8 +119,8 @@ def poison() -> None:
 
 def food_container() -> None:
     """Three ticks in which a container is entered, food is taken from one, and sets are above their limit."""
-    run = simulation(*FOOD_CONTAINER, "dtype=float64")
-    run.run(make_engine("fused", "cpu", 1), 28)
+    run = simulation(*FOOD_CONTAINER, "dtype=float64", "trial_start=7")
+    run.run(make_engine("fused", "cpu", 1), 11)
     before, weights = run.situation.world.touches.clone(), run.network.synapses.weight.clone()
     closed_loop(run, 3)
     assert (run.situation.world.touches - before)[0].tolist() == [1, 0, 1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
@@ -168,8 +169,9 @@ class Launch:
             try:
                 _start(self.kernels[kernel.__name__], configuration, arguments)
             except NumbaError as error:
-                # numba says first where it failed, and in lines further down how it came there
-                reason = next(line for line in str(error).splitlines() if line and not line.startswith("Failed in"))
+                # numba says first where it failed, and in lines further down how it came there; in colour, if it can
+                lines = re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()
+                reason = next(line for line in lines if line and not line.startswith("Failed in"))
                 raise ConfigError("engine", "cuda", f"cannot compile it ({reason}); use engine=reference") from error
 
         put_back(network, self.modulators)
