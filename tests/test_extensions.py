@@ -332,7 +332,7 @@ def test_a_rule_that_does_not_add_up_is_said_once_to_cost(recwarn: pytest.Warnin
         ({"neurons": {"x": NeuronConfig(model="math:nothing", v=0.0)}}, r"x\.model=math:nothing: math has no function"),
         (
             {"neurons": {"x": NeuronConfig(model="nothing", v=0.0)}},
-            r"x\.model=nothing: must be one of izhikevich, or FILE",
+            r"x\.model=nothing: must be one of izhikevich, time_cell, or FILE",
         ),
         ({"rule": {"weight_rule": scaled_by}}, r"network\.plasticity=\.\.\.: scaled_by: no value is called factor"),
         ({"rule": {"at_pre": "steep"}}, r"network\.plasticity\.at_pre=steep: must be one of depress, or FILE"),

@@ -96,7 +96,7 @@ def test_multirun_makes_a_folder_a_job(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "experiment: must be given as +experiment=NAME, NAME one of baselines, "),
+        ([], "experiment: must be given as experiment=NAME, NAME one of avoidance, baselines, "),
         (["+experiment=odd"], "experiment=odd: must be one of "),
         (
             ["+experiment=food_attraction", "robot=odd"],

@@ -66,7 +66,7 @@ def _explanation(error: BaseException | None) -> str:
     while cause is not None:
         if isinstance(cause, OmegaConfBaseException) and "experiment.name" in f"{cause} {cause.full_key}":
             names = sorted(["baselines", *(path.stem for path in Path(conf_dir(), "experiment").glob("*.yaml"))])
-            return f"experiment: must be given as +experiment=NAME, NAME one of {', '.join(names)}"
+            return f"experiment: must be given as experiment=NAME, NAME one of {', '.join(names)}"
         cause = cause.__cause__
     if isinstance(error, (HydraException, OmegaConfBaseException)):
         return reason(error)
