@@ -1,8 +1,8 @@
 """Dose against hunger: where robots learn, by how much dopamine an item releases and how much the motors explore.
 
-A synapse onto a neuron that fires from exploration alone has a negative eligibility. It grows, until its own spikes
-make the eligibility positive, only while dopamine is negative on average: while hunger takes more than food gives. In
-the mean field, that is below the dose at which the mean of a robot that has learnt nothing is zero.
+The mean-field argument: a synapse onto a neuron that fires from exploration alone has a negative eligibility. It would
+grow, until its own spikes make the eligibility positive, only while dopamine is negative on average: while hunger takes
+more than food gives. That is below the dose at which the mean of a robot that has learnt nothing is zero.
 """
 
 from __future__ import annotations
