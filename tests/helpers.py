@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -230,3 +233,16 @@ def with_weights(time: np.ndarray, **of_projections: np.ndarray) -> Run:
 def make_simulation(*overrides: str) -> Simulation:
     """A whole simulation in float64 on one thread."""
     return build(compose_config(*overrides, "dtype=float64", "threads=1"))
+
+
+def called(module: str, folder: Path, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """What `python -m MODULE WORDS` has done in a folder."""
+    return subprocess.run(
+        [sys.executable, "-m", module, *words],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import pytest
+from helpers import called
 
 from snnrl.command.choices import experiments
 from snnrl.command.complete import complete
@@ -31,15 +32,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def snnrl(folder: Path, *words: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "snnrl.command.main", *words],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    return called("snnrl.command.main", folder, *words, **environment)
 
 
 def lines(done: subprocess.CompletedProcess[str]) -> list[str]:

@@ -27,8 +27,12 @@ def test_the_dose_is_in_proportion_to_the_release_and_the_threshold_does_not_dep
 def test_the_threshold_is_what_hunger_takes_between_two_items() -> None:
     config = compose(*STILL)
     simulation, _ = run(config, 1.0)
-    between = float(simulation.network.time) / float(simulation.situation.world.count("food").double().mean())
-    assert dose_and_threshold(simulation, config)[1] == pytest.approx(0.0004 * between)
+    items = float(simulation.situation.world.count("food").double().mean())
+    dose, threshold = dose_and_threshold(simulation, config)
+    assert threshold == pytest.approx(0.0004 * float(simulation.network.time) / items)
+    dopamine = simulation.network.dopamine
+    assert dopamine is not None
+    assert dose - threshold == pytest.approx(float(dopamine.total.double().mean()) / items, abs=1e-3)
 
 
 def test_every_point_of_both_worlds_is_in_the_table(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import called
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 
 def run(folder: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "snnrl.run", *arguments],
-        cwd=folder,
-        env={**os.environ, **environment},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    return called("snnrl.run", folder, *arguments, **environment)
 
 
 def test_a_run_leaves_everything_it_promises(tmp_path: Path) -> None:
