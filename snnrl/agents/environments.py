@@ -117,10 +117,10 @@ class ForagingVectorEnv(VectorEnv):
         first = self.config.trial_start + self.episode * self.num_envs
         trials = torch.arange(first, first + self.num_envs, device=self.device)
         self.foraging = Foraging(self.config, Draws(int(self.np_random_seed or 0) % SEEDS, trials))
-        self.ticks, self._shown = 0, self._states()
+        self.ticks, self.states = 0, self._states()
         self._path.clear()
         self._follow()
-        return self._observe(), marked(self.values(), self._full(True))
+        return self._observe(), self._info()
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """One control tick; see `VectorEnv`.
@@ -130,24 +130,17 @@ class ForagingVectorEnv(VectorEnv):
         """
         if self.ticks == self.length:
             observation, info = self.reset()
-            return observation, self._full(0.0, torch.float64), self._full(False), self._full(False), info
+            return observation, self._full(0.0), self._full(False), self._full(False), info
         observation, reward = self.advance(actions)
-        over, info = self._full(self.ticks == self.length), marked(self.values(), self._full(True))
-        return observation, reward, self._full(False), over, info
+        over = self._full(self.ticks == self.length)
+        return observation, reward, self._full(False), over, self._info()
 
     def advance(self, actions: Any) -> tuple[Any, Any]:
         """One control tick of an episode that is not over: observation and reward."""
         reward = self.foraging.step(self._wheels(actions))
         self.ticks += 1
         self._follow()
-        return self._observe(), self._given(reward)
-
-    def values(self) -> dict[str, Any]:
-        """What info holds now, without its masks: copies, [N, ...]."""
-        values = {key: self._copy(value) for key, value in self._shown.items()}
-        values["food"], values["poison"] = values.pop("taken").T
-        values["touches"] = dict(zip(self.foraging.world.kinds.names, values["touches"].T, strict=True))
-        return values
+        return self._observe(), reward if self.tensors else reward.cpu().numpy()
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """The arena of each environment as it is now, uint8 [480, 480, 3]."""
@@ -162,37 +155,45 @@ class ForagingVectorEnv(VectorEnv):
             self._path.append(self.foraging.world.position.clone())
 
     def _observe(self) -> Any:
-        ranges, touched = self.foraging.ranges(), self.foraging.touched
-        return self._given(torch.cat([ranges.flatten(1), touched], 1).float())
-
-    def _given(self, values: Tensor) -> Any:
-        return values if self.tensors else values.cpu().numpy()
+        senses = self.foraging.senses
+        return senses.float() if self.tensors else senses.cpu().numpy().astype(np.float32)
 
     def _states(self) -> dict[str, Any]:
-        """What info holds copies of: tensors of the world, or on the CPU arrays that share their memory."""
+        """What info is made of: tensors of the world, or on the CPU arrays that share their memory."""
         world = self.foraging.world
-        states = {name: getattr(world, name) for name in ("touches", "position", "heading")}
+        states = {name: getattr(world, name) for name in ("position", "heading", "touches")}
         states |= {"trial": world.draws.trials, "taken": self.foraging.taken}
         shared = self.device.type == "cpu" and not self.tensors
         return {key: value.numpy() if shared else value for key, value in states.items()}
+
+    def _info(self) -> dict[str, Any]:
+        """What there is to know now, [N, ...], copied; with a mask for each."""
+        values = {key: self._copy(value) for key, value in self.states.items()}
+        values["food"], values["poison"] = values.pop("taken").T
+        masks, kinds = self._full(True), self.foraging.world.kinds.names
+        values["touches"] = with_masks(dict(zip(kinds, values["touches"].T, strict=True)), masks)
+        return with_masks(values, masks)
 
     def _copy(self, values: Any) -> Any:
         if isinstance(values, np.ndarray):
             return values.copy()
         return values.clone() if self.tensors else values.cpu().numpy()
 
-    def _full(self, value: float, dtype: torch.dtype = torch.bool) -> Any:
+    def _full(self, value: float) -> Any:
         """The same for all environments."""
-        return self._given(torch.full((self.num_envs,), value, dtype=dtype, device=self.device))
+        if not self.tensors:
+            return np.full(self.num_envs, value)
+        kind = torch.bool if isinstance(value, bool) else torch.float64
+        return torch.full((self.num_envs,), value, dtype=kind, device=self.device)
 
     def _wheels(self, actions: Any) -> Tensor:
         kind = torch.float32 if self.continuous else torch.int64
-        given = torch.as_tensor(actions, dtype=kind, device=self.device)
+        given = torch.as_tensor(actions, dtype=kind, device=self.device) if self.tensors else np.asarray(actions)
         least, most = self._bounds
-        low, high = given.aminmax()
-        if given.shape != self.action_space.shape or not (least <= low and high <= most):
+        if given.shape != self.action_space.shape or not (least <= given.min() and given.max() <= most):
             raise ValueError(f"action={actions}: must be in {self.action_space}")
-        return given.double() if self.continuous else self.foraging.wheels(given)
+        wheels = torch.as_tensor(given, dtype=kind, device=self.device)
+        return wheels.double() if self.continuous else self.foraging.wheels(wheels)
 
 
 class ForagingEnv(gymnasium.Env):
@@ -227,14 +228,14 @@ class ForagingEnv(gymnasium.Env):
         super().reset(seed=seed)
         observation, _ = self.batch.reset(seed=seed, options=options)
         self._show()
-        return observation[0], only(self.batch.values())
+        return observation[0], self._info()
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One control tick; see `gymnasium.Env`."""
         batch = self.batch
         observation, reward = batch.advance(np.asarray(action)[None])
         self._show()
-        return observation[0], reward.item(), False, batch.ticks >= batch.length, only(batch.values())
+        return observation[0], reward.item(), False, batch.ticks >= batch.length, self._info()
 
     def render(self) -> np.ndarray | None:
         """The arena as it is now, uint8 [480, 480, 3]; None where it is in a window, or there is no mode."""
@@ -245,26 +246,28 @@ class ForagingEnv(gymnasium.Env):
         if self.window is not None:
             self.window.close()
 
+    def _info(self) -> dict[str, Any]:
+        """As `ForagingVectorEnv` has it, of the one robot."""
+        states = {key: value[0] for key, value in self.batch.states.items()}
+        food, poison = states["taken"].tolist()
+        kinds = self.batch.foraging.world.kinds.names
+        return {
+            "trial": int(states["trial"]),
+            "position": np.array(states["position"]),
+            "heading": float(states["heading"]),
+            "food": food,
+            "poison": poison,
+            "touches": dict(zip(kinds, states["touches"].tolist(), strict=True)),
+        }
+
     def _show(self) -> None:
         if self.window is not None and (pictures := self.batch.render()) is not None:
             self.window.show(pictures[0])
 
 
-def marked(values: dict[str, Any], mask: Any) -> dict[str, Any]:
-    """Values and tables of them with a mask for each."""
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        found[key], found[f"_{key}"] = marked(value, mask) if isinstance(value, dict) else value, mask
-    return found
-
-
-def only(values: dict[str, Any]) -> dict[str, Any]:
-    """What the first of some environments has: numbers, vectors, and tables of them."""
-    return {key: only(value) if isinstance(value, dict) else _first(value[0]) for key, value in values.items()}
-
-
-def _first(value: np.ndarray) -> Any:
-    return value if value.ndim else value.item()
+def with_masks(values: dict[str, Any], mask: Any) -> dict[str, Any]:
+    """The values, each with the mask, as Gymnasium has it."""
+    return {name: item for key, value in values.items() for name, item in ((key, value), (f"_{key}", mask))}
 
 
 def check_mode(mode: str | None, metadata: dict[str, Any]) -> None:

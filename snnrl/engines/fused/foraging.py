@@ -38,30 +38,31 @@ class CompiledWorld:
         self._sensors = np.array([sensors.index(name) for name in ranges], np.int64)
         self._felt = np.array([names.index(name) for name in touches], np.int64)
         self._counts = np.zeros(len(names), np.int64)
+        self._shape = len(self._trials), 2 * len(ranges) + len(touches)
         self._step, self._sense = kernels()
 
     def step(self, wheels: Tensor, time: int, taken: Tensor) -> tuple[Tensor, Tensor]:
-        """`World.step` through one tick.
+        """`World.step` through one tick, and what the robots sense then.
 
         Args:
             wheels: speed of the left and right wheel, float64 [B, 2], cm/s.
             time: ms.
             taken: to which the items of food and of poison that are taken are added, int64 [B, 2].
 
-        Returns what the touch sensors felt, bool [B, T], and what was taken, each by its sign, summed, float64 [B].
+        Returns what the sensors say, as `sense` does, and what was taken, each by its sign, summed, float64 [B].
         """
         trials = len(self._trials)
-        touched, value = np.empty((trials, len(self._felt)), np.bool_), np.empty(trials)
+        senses, value = np.zeros(self._shape), np.empty(trials)
         speeds = wheels.double().expand(trials, 2).contiguous().numpy()
-        felt, counts, items = self._felt, self._counts, taken.numpy()
-        self._step(self._arrays, self._seed, self._trials, speeds, time, felt, counts, touched, items, value)
-        return torch.from_numpy(touched), torch.from_numpy(value)
+        sensors, felt, counts, items = self._sensors, self._felt, self._counts, taken.numpy()
+        self._step(self._arrays, self._seed, self._trials, speeds, time, sensors, felt, counts, senses, items, value)
+        return torch.from_numpy(senses), torch.from_numpy(value)
 
     def sense(self) -> Tensor:
-        """`World.sense`: the range sensors from where the robots are now, float64 [B, R, 2] (left, right)."""
-        values = np.zeros((len(self._trials), len(self._sensors), 2))
-        self._sense(self._arrays, self._sensors, values)
-        return torch.from_numpy(values)
+        """The range sensors (left, right) from where the robots are now, and zeros for touch, float64 [B, 2 R + T]."""
+        senses = np.zeros(self._shape)
+        self._sense(self._arrays, self._sensors, senses)
+        return torch.from_numpy(senses)
 
 
 @cache
@@ -71,12 +72,12 @@ def kernels() -> tuple[Any, Any]:
     return program.kernel(step_trials), program.kernel(sense_trials)
 
 
-def step_trials(world, seed, trials, wheels, time, felt, counts, touched, taken, value):
-    """All trials through one tick; `counts`, int64 [K], is scratch."""
+def step_trials(world, seed, trials, wheels, time, sensors, felt, counts, senses, taken, value):
+    """All trials through one tick; `senses` are zeros before, and `counts`, int64 [K], is scratch."""
     for trial in range(len(trials)):
         step_world(world, seed, trials[trial], trial, wheels[trial, 0], wheels[trial, 1], time, counts)
         for sensor in range(len(felt)):
-            touched[trial, sensor] = counts[felt[sensor]] > 0
+            senses[trial, 2 * len(sensors) + sensor] = min(counts[felt[sensor]], 1)
         total = 0.0
         for k in range(len(counts)):
             if counts[k] > 0 and world.effect[k] == TAKEN:
@@ -85,11 +86,17 @@ def step_trials(world, seed, trials, wheels, time, felt, counts, touched, taken,
                 taken[trial, 1] += counts[k] * (sign < 0)
                 total += counts[k] * sign
         value[trial] = total
+        sense_all(world, trial, sensors, senses)
 
 
-def sense_trials(world, sensors, values):
+def sense_trials(world, sensors, senses):
     """The range sensors of all trials, into zeros."""
-    for trial in range(values.shape[0]):
-        for sensor in range(len(sensors)):
-            eye, sensed = sense(world, trial, sensors[sensor])
-            values[trial, sensor, eye] = sensed
+    for trial in range(len(senses)):
+        sense_all(world, trial, sensors, senses)
+
+
+def sense_all(world, trial, sensors, senses):
+    """The range sensors of one trial, into zeros."""
+    for sensor in range(len(sensors)):
+        eye, sensed = sense(world, trial, sensors[sensor])
+        senses[trial, 2 * sensor + eye] = sensed
