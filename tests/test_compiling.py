@@ -27,7 +27,7 @@ TASK = ("+experiment=distal_reward", "trials=2")
 
 def known(engine: FusedEngine, config: Config) -> int:
     """How many kinds of arguments the two kernels of a configuration's network have been compiled or loaded for."""
-    bound, _ = engine.bind(build(config).network)
+    bound = engine.bind(build(config).network)
     real: Any = np.float32
     return sum(len(kernel.signatures) for kernel in kernels(bound.functions, real))
 

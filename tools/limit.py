@@ -67,14 +67,14 @@ def limit_of(
 ) -> dict[str, float]:
     """ns a trial-ms of the neurons and of the draws on each of so many processors, and trial-ms/s of all of them."""
     network, coding, engine = simulation.network, simulation.situation.coding, FusedEngine(1)
-    bound, _ = engine.bind(network)
+    bound = engine.bind(network)
     program = Program(network.pending.numpy().dtype.type, stepping(bound.functions))
     update, draw = program.kernel(update_alone), program.kernel(draw_alone)
     thresholds, ticks = coding.exploration_thresholds.numpy(), round(1000 * seconds / coding.tick)
     motor, ms = coding.motor_groups[0], ticks * coding.tick
     state = copy.deepcopy(simulation)
     state.run(engine, 1)
-    work = engine.bind(state.network)[0].works[coding.tick][0]
+    work = engine.bind(state.network).works[coding.tick][0]
     works = [copy.deepcopy(work) for _ in range(threads)]
     with ThreadPoolExecutor(threads) as pool:
         parts = {

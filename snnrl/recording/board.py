@@ -86,7 +86,7 @@ class Board:
     def picture(self, tag: str, pixels: np.ndarray, step: int) -> None:
         """uint8 [height, width, 3]."""
         encoded, (height, width, colours) = io.BytesIO(), pixels.shape
-        Image.fromarray(pixels).save(encoded, "PNG", compress_level=3)
+        Image.fromarray(pixels).save(encoded, "PNG", compress_level=1)
         image = Summary.Image(height=height, width=width, colorspace=colours, encoded_image_string=encoded.getvalue())
         self._writer.add_summary(Summary(value=[Summary.Value(tag=tag, image=image)]), step)
 

@@ -8,6 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -20,14 +21,15 @@ class Beside:
     """A thread that works on a copy of a simulation. A large state, or one on a GPU, is worked on where it is instead.
 
     Attributes:
-        copy: what the work reads: the simulation as it was when the work began.
+        copy: what the work reads: the simulation as it was when the work began, though its tensors be written to.
     """
 
     def __init__(self, simulation: Simulation[Any]) -> None:
-        self.simulation = simulation
         size = sum(tensor.nbytes for tensor in changing(simulation))
         self._thread = ThreadPoolExecutor(1) if simulation.network.device.type == "cpu" and size <= LARGEST else None
         self.copy = copy.deepcopy(simulation) if self._thread else simulation
+        both = zip(changing(self.copy), changing(simulation), strict=True) if self._thread else ()
+        self._copied = [(mine.numpy(), theirs.numpy()) for mine, theirs in both]
         self._work: Future[None] | None = None
 
     def begin(self, work: Callable[[], None]) -> None:
@@ -36,8 +38,8 @@ class Beside:
         if self._thread is None:
             work()
             return
-        for mine, theirs in zip(changing(self.copy), changing(self.simulation), strict=True):
-            mine.copy_(theirs)
+        for mine, theirs in self._copied:
+            np.copyto(mine, theirs)
         self._work = self._thread.submit(torch.no_grad()(work))
 
     def wait(self) -> None:

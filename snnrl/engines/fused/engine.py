@@ -7,10 +7,11 @@ import warnings
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
-from itertools import pairwise
-from typing import Any
+from itertools import chain, pairwise
+from operator import is_
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -20,7 +21,7 @@ from torch import Tensor, nn
 from snnrl.body.coding import Coding
 from snnrl.body.robot import Robot
 from snnrl.body.world import World
-from snnrl.engines.fused.coding import coding_arrays, run_robot
+from snnrl.engines.fused.coding import CodingArrays, coding_arrays, run_robot
 from snnrl.engines.fused.compiler import Program, announced
 from snnrl.engines.fused.modulators import releasing
 from snnrl.engines.fused.network import run_network
@@ -28,7 +29,7 @@ from snnrl.engines.fused.neurons import stepping
 from snnrl.engines.fused.plasticity import bounding
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.work import State, Work, work_for
-from snnrl.engines.fused.world import world_arrays
+from snnrl.engines.fused.world import WorldArrays, world_arrays
 from snnrl.engines.interface import Given, Situation
 from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, real_of, tables, topology
 from snnrl.engines.reference import run_ticks
@@ -39,6 +40,7 @@ from snnrl.model.network import Network, SynapseTable
 from snnrl.model.neurons import NeuronGroup
 from snnrl.model.synapses import Projection
 
+Arrays = TypeVar("Arrays")
 Part = Callable[[int, int], None]  # runs the trials from one to another
 PARTS = 4  # per thread, so that one with slower trials does not keep the others waiting
 COMPILED = (
@@ -56,7 +58,16 @@ class _Bound:
     described: tuple[Any, ...]
     tables: Tables
     functions: Functions
-    works: dict[int, deque[Work]]
+    works: dict[int, deque[Work]] = field(default_factory=dict)
+    arrays: WeakKeyDictionary[nn.Module, tuple[list[Any], Any]] = field(default_factory=WeakKeyDictionary)
+
+    def shared(self, module: nn.Module, holds: list[Any], make: Callable[[], Arrays]) -> Arrays:
+        """The arrays of a module: those of the last time if what it `holds` is the same, else new ones."""
+        before, arrays = self.arrays.get(module, ([], None))
+        if len(before) != len(holds) or not all(map(is_, before, holds)):
+            arrays = make()
+            self.arrays[module] = holds, arrays
+        return arrays
 
 
 class FusedEngine:
@@ -96,11 +107,12 @@ class FusedEngine:
     def _robot_part(self, network: Network, situation: Robot, ticks: int, raster: Tensor | None) -> tuple[Any, Part]:
         """The kernel, and what calls it for a range of trials."""
         check_compiled(self.name, *situation.modules())
-        world, coding = world_arrays(situation.world), coding_arrays(situation.coding, network, situation.world)
-        size, kinds = poisson_table_size(situation.coding.range_mean), len(situation.world.kinds.names)
-        bound, state = self.bind(network)
+        bound = self.bind(network)
+        state, clock = _state_of(bound, network)
+        world, coding = _robot_of(bound, network, situation)
+        size, kinds = poisson_table_size(coding.range_mean), len(world.effect)
         kernel = kernels(bound.functions, real_of(network))[1]
-        spikes, time, none = _raster(raster, network), int(network.time), network.pending.new_zeros(0, 1).numpy()
+        spikes, time, none = _raster(raster, network), int(clock), np.zeros((0, 1), real_of(network))
         bound.works.setdefault(coding.tick, deque())
 
         def part(low: int, high: int) -> None:
@@ -125,12 +137,13 @@ class FusedEngine:
         self, network: Network, injected: Tensor, sign: Given = None, raster: Given = None, reward: Given = None
     ) -> tuple[Any, Part]:
         """The kernel, and what calls it for a range of trials."""
-        bound, state = self.bind(network)
+        bound = self.bind(network)
+        state, clock = _state_of(bound, network)
         kernel = kernels(bound.functions, real_of(network))[0]
         signs = torch.ones(network.trials, dtype=network.dtype) if sign is None else sign
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward.to(network.dtype)
         given = [tensor.contiguous().numpy() for tensor in (injected, signs)]
-        spikes, time, rewarded = _raster(raster, network), int(network.time), rewards.contiguous().numpy()
+        spikes, time, rewarded = _raster(raster, network), int(clock), rewards.contiguous().numpy()
         bound.works.setdefault(MILLISECONDS, deque())
 
         def part(low: int, high: int) -> None:
@@ -155,7 +168,8 @@ class FusedEngine:
         for done in [self._pool.submit(part, *chosen) for chosen in ordered]:
             done.result()
 
-    def bind(self, network: Network) -> tuple[_Bound, State]:
+    def bind(self, network: Network) -> _Bound:
+        """What the kernels know of a network."""
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
         check_compiled(self.name, *network.modules())
@@ -166,22 +180,8 @@ class FusedEngine:
             found = known.topology if known and same else topology(network, LANES)
             made = tables(network, found, LANES)
             _note(made[1])
-            known = self._bound[network] = _Bound(network.synapses, found, described, *made, {})
-        modulators = list(network.modulators.values())
-        state = State(
-            network.neurons.packed.numpy(),
-            network.neurons.last_spike.numpy(),
-            network.pending.numpy(),
-            network.spike_count.numpy(),
-            network.synapses.weight.numpy(),
-            network.synapses.eligibility.numpy(),
-            known.topology.settled,
-            *(
-                tuple(getattr(m, key).numpy() for m in modulators or [_no_modulator(network.dtype)])
-                for key in MODULATOR
-            ),
-        )
-        return known, state
+            known = self._bound[network] = _Bound(network.synapses, found, described, *made)
+        return known
 
     @staticmethod
     def _work(bound: _Bound, network: Network, rows: int) -> Work:
@@ -190,6 +190,29 @@ class FusedEngine:
 
 NOTHING = {"release": 0.0, "threshold": 0.0}
 MODULATOR = ("level", "total", "pending", "rate")  # in the order of `State`
+
+
+def _state_of(bound: _Bound, network: Network) -> tuple[State, Any]:
+    """A network's tensors as arrays, and its time."""
+    modulators = list(network.modulators.values()) or [_no_modulator(network.dtype)]
+    tensors = [network.neurons.packed, network.neurons.last_spike, network.pending, network.spike_count]
+    tensors += [network.synapses.weight, network.synapses.eligibility]
+    held = [[getattr(modulator, key) for modulator in modulators] for key in MODULATOR]
+
+    def made() -> tuple[State, Any]:
+        arrays = [tensor.numpy() for tensor in tensors]
+        levels = [tuple(tensor.numpy() for tensor in each) for each in held]
+        return State(*arrays, bound.topology.settled, *levels), network.time.numpy()
+
+    return bound.shared(network, [*tensors, *chain(*held), network.time], made)
+
+
+def _robot_of(bound: _Bound, network: Network, robot: Robot) -> tuple[WorldArrays, CodingArrays]:
+    """A robot's world and coding as arrays."""
+    held = [item for part in (robot.world, robot.coding) for item in (*vars(part).values(), *part.buffers(False))]
+    return bound.shared(
+        robot, held, lambda: (world_arrays(robot.world), coding_arrays(robot.coding, network, robot.world))
+    )
 
 
 @cache
@@ -241,6 +264,8 @@ def check_compiled(engine: str, *parts: nn.Module) -> None:
         if type(part) not in COMPILED:
             raise ConfigError("engine", engine, f"cannot run {type(part).__name__}; use engine=reference")
         kind: Any = type(part)
+        if _methods(kind).isdisjoint(vars(part)):
+            continue
         for name in vars(part).keys() & _methods(kind):
             changed = f"{type(part).__name__}.{name}"
             raise ConfigError("engine", engine, f"cannot run a changed {changed}; use engine=reference")
