@@ -41,21 +41,26 @@ def rows_of(text: str) -> list[list[str]]:
     ]
 
 
+OTHERWISE = ("NEST, its own rule", "ANNarchy, OpenMP")  # another rule, or not the same to the ms
+
+
 def test_peers_agree_and_are_timed(tmp_path: Path) -> None:
     small = ["--trials", "2", "--threads", "1", "--seconds", "0.05", "--repeats", "1", "--brian", "numpy"]
     page = tmp_path / "peers.md"
     printed = run_tool("tools/peers/compare.py", *small, "--markdown", str(page))
     rows = {row[2]: row[3:] for row in rows_of(page.read_text()) if row[0] == "2"}
-    assert len(rows) == 5
+    assert len(rows) == 5 + bool(find_spec("nest")) + bool(find_spec("ANNarchy"))
     for name, (_, speed, ratio, spikes, mismatches, deviation) in rows.items():
         if name == "Brian2" and find_spec("brian2") is None:
             continue
         assert float(speed.replace(",", "")) > 0
         assert float(ratio) > 0
         assert int(spikes) > 20
+        assert f"| {name} |" in printed
+        if name in OTHERWISE:
+            continue
         assert int(mismatches) == 0
         assert float(deviation) < (1e-4 if "float32" in name else 1e-9)
-        assert f"| {name} |" in printed
     if find_spec("brian2") is None:
         pytest.skip("Brian2 is not installed: its row says so; pip install 'snnrl[peers]'")
     assert "Brian2, numpy" in rows

@@ -1,6 +1,7 @@
 """The same brain, input and machine in other simulators: speed and deviations, side by side.
 
-    python tools/peers/compare.py [--trials 1,50] [--seconds 1] [--threads 1,0] [--markdown docs/peers.md]
+    python tools/peers/compare.py [--trials 1,50] [--seconds 1] [--threads 1,0] [--longest 60]
+                                   [--markdown docs/peers.md]
 
 The food-only brain is driven open loop by currents that its own closed loop recorded. Every simulator computes the
 same milliseconds in float64 and keeps all spikes; they take turns, and the median of the repeats is shown. A wall
@@ -36,15 +37,11 @@ from snnrl.model.network import Network
 LEARNT = ("+robot.weights.food_attraction=3", "+robot.weights.food_avoidance=0.5")  # mV; about what it learns
 SHORTEST, MOST = 0.3, 20  # s of wall time; what is faster is run again from the same state, so many times at most
 LEFT_OUT = {
-    "NEST": "`stdp_dopamine_synapse` pairs a spike with all earlier ones, counts every dopaminergic spike and has no "
-    "homeostasis: it would be another network. What the two rules share is compared in [conformance.md]"
-    "(conformance.md).",
     "BindsNET": "its `MSTDPET` takes one reward a step from outside, the same for the whole batch, whose trials share "
     "their weights; pairs are not of nearest spikes.",
     "Norse": "has STDP steps, but neither a lasting eligibility nor a modulator.",
     "snnTorch": "learns by gradients; its STDP learner has neither a lasting eligibility nor a modulator.",
     "PyGeNN": "its user-defined synapses may express the rule; the Python package index has no release of it.",
-    "ANNarchy": "its user-defined synapses may express the rule; not tried.",
 }
 
 
@@ -74,6 +71,11 @@ class Row:
     mismatches: int = 0
     deviation: float = 0.0
     note: str = ""
+
+    @property
+    def pace(self) -> float:
+        """s a trial."""
+        return statistics.median(self.walls) / self.trials
 
 
 def spikes_of(raster: Tensor) -> np.ndarray:
@@ -130,6 +132,20 @@ def brian(mode: str) -> Callable[[Case], Callable[[], Run]]:
         return brian_peer.runtime(case.network, case.injected, mode)
 
     return prepare
+
+
+def annarchy(case: Case) -> Callable[[], Run]:
+    """ANNarchy, compiled with OpenMP."""
+    import annarchy_peer
+
+    return annarchy_peer.openmp(case.network, case.injected, case.threads, case.folder)
+
+
+def nest(case: Case) -> Callable[[], Run]:
+    """NEST, with the rule that it has."""
+    import nest_peer
+
+    return nest_peer.kernel(case.network, case.injected, case.threads)
 
 
 def longer(run: Callable[[], Run]) -> Run:
@@ -195,8 +211,8 @@ def table(rows: Sequence[Row], steps: int) -> list[str]:
 
 def document(rows: Sequence[Row], steps: int, repeats: int, command: str) -> str:
     """The whole page."""
-    packages = ("snnrl", "torch", "numpy", "numba", "brian2", "nest-simulator")
-    names = ("snnrl", "torch", "numpy", "numba", "brian2", "nest")
+    packages = ("snnrl", "torch", "numpy", "numba", "brian2", "annarchy", "nest-simulator")
+    names = ("snnrl", "torch", "numpy", "numba", "brian2", "ANNarchy", "nest")
     versions = ", ".join(
         f"{package} {version(package)}" if find_spec(name) else f"{package} not installed"
         for package, name in zip(packages, names, strict=True)
@@ -211,7 +227,7 @@ def document(rows: Sequence[Row], steps: int, repeats: int, command: str) -> str
         "the currents that its own closed loop gave it; float64 unless a name says otherwise. All record all spikes. "
         "A wall time is that of the simulation alone, without building and compiling; it is the median of "
         f"{repeats} turns. Differences are from the first line of the same trials and threads. The dense and the "
-        "Brian2 network get the background noise as a table, ours draw it.",
+        "other simulators' networks get the background noise as a table, ours draw it.",
         "",
         *table(rows, steps),
         "",
@@ -222,6 +238,11 @@ def document(rows: Sequence[Row], steps: int, repeats: int, command: str) -> str
         "- *Brian2* (`tools/peers/brian_peer.py`) is the network that the conformance tests hold equal to ours to "
         "1e-9, with all trials in one network and Brian2's own compiler options, among them `-ffast-math` in its C++ "
         "programs; in one thread it is built without OpenMP.",
+        "- *ANNarchy* (`tools/peers/annarchy_peer.py`) has no equations for homeostasis, which is left out for it, and "
+        "handles a presynaptic spike 1 ms after it was fired: so near as a hand can bring it, not the same.",
+        "- *NEST* (`tools/peers/nest_peer.py`) has `stdp_dopamine_synapse`, which pairs a spike with all earlier ones, "
+        "counts every dopaminergic spike and has no homeostasis: the same neurons and synapses, and another rule. What "
+        "the two rules share is compared in [conformance.md](conformance.md).",
         "- One trial is never shared between threads by the fused engine.",
         "",
         "Left out:",
@@ -256,6 +277,7 @@ def main() -> None:
     parser.add_argument("--threads", type=numbers, default=[1, 0], help="0 is all")
     parser.add_argument("--seconds", type=float, default=1.0, help="simulated")
     parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("--longest", type=float, default=60.0, help="s a turn; who would take longer is left out")
     parser.add_argument("--brian", choices=("standalone", "cython", "numpy"), default=best_mode())
     parser.add_argument("--markdown", type=Path, help="file to write the table to")
     arguments = parser.parse_args()
@@ -268,13 +290,21 @@ def main() -> None:
     }
     if find_spec("brian2"):
         peers[f"Brian2, {arguments.brian}"] = brian(arguments.brian)
+    if find_spec("ANNarchy"):
+        peers["ANNarchy, OpenMP"] = annarchy
+    if find_spec("nest"):
+        peers["NEST, its own rule"] = nest
     processors = len(os.sched_getaffinity(0))
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as folder:
         for trials in arguments.trials:
             network, injected = food_only(trials, steps, *LEARNT)
             for threads in dict.fromkeys(count or processors for count in arguments.threads):
-                found = compare(Case(network, injected, threads, Path(folder)), peers, arguments.repeats)
+                seconds = {row.peer: trials * row.pace for row in rows if row.threads == threads and row.walls}
+                slow = [name for name, wall in seconds.items() if wall > arguments.longest]
+                quick = {name: prepare for name, prepare in peers.items() if name not in slow}
+                found = compare(Case(network, injected, threads, Path(folder)), quick, arguments.repeats)
+                found += [Row(name, trials, threads, note=f"would take about {seconds[name]:.0f} s") for name in slow]
                 if not find_spec("brian2"):
                     found.append(Row("Brian2", trials, threads, note="not installed: `pip install 'snnrl[peers]'`"))
                 print("\n".join(table(found, steps)[2 if rows else 0 :]), flush=True)
