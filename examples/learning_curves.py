@@ -1,0 +1,160 @@
+"""How many steps in the world learning takes: the spiking robot, tables, and an off-the-shelf PPO.
+
+    pip install "snnrl[rl,figures]"
+    python examples/learning_curves.py [--page docs/learning_curves.md] [--steps 300000] [--lives 5] [--seeds 3]
+
+One life in one world for all, PPO too; and PPO as it is meant to be used, in many worlds at once, whose steps add up.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import mkdtemp
+
+import gymnasium
+import numpy as np
+import torch
+from matplotlib.figure import Figure
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+
+import snnrl.environments
+from snnrl.agents.baselines import COLOURS, collect
+from snnrl.beyond.page import Page, table
+from snnrl.configuration.compose import compose, compose_baselines
+from snnrl.drawing.style import figure
+from snnrl.intervals import student, student_half
+
+gymnasium.register_envs(snnrl.environments)
+
+TASKS = {"food attraction": "food_attraction", "food in containers": "dual_learning"}
+AGENTS = ("spiking", "q_learning", "sarsa_lambda", "reinforce")
+WIRED = "braitenberg"  # what needs no learning, as the measure
+WORLDS = 50
+LIFE, MANY = "PPO, one life", f"PPO, {WORLDS} worlds at once"
+PPO_COLOURS = {LIFE: "#D55E00", MANY: "#56B4E9"}  # of Okabe and Ito, as the others
+SPANS = 100  # into which a life is divided
+EPISODE = 140  # s, of one of many worlds
+
+
+@dataclass
+class Curve:
+    """What an agent collects: items per s in each of its worlds [T, B] in spans of so many environment steps."""
+
+    agent: str
+    steps: float
+    rate: np.ndarray
+
+    def reached(self, rate: float) -> np.ndarray:
+        """The steps until each has collected at such a rate for a tenth of its spans, [B]; nan where it never has."""
+        width = max(1, len(self.rate) // 10)
+        sums = np.cumsum(np.pad(self.rate, ((1, 0), (0, 0))), 0)
+        above = (sums[width:] - sums[:-width]) / width >= rate
+        return np.where(above.any(0), (above.argmax(0) + width) * self.steps, np.nan)
+
+
+class Rewards(BaseCallback):
+    """Keeps the reward of each step of each world."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.kept: list[np.ndarray] = []
+
+    def _on_step(self) -> bool:
+        self.kept.append(self.locals["rewards"].copy())
+        return True
+
+
+def ppo(experiment: str, worlds: int, steps: int, seconds: float, seed: int, tick: float) -> np.ndarray:
+    """PPO with Stable-Baselines3's own values: items per s, [SPANS], the mean over its worlds."""
+    identifier = f"snnrl/{experiment.title().replace('_', '')}-v0"
+    made = make_vec_env(lambda: gymnasium.make(identifier, overrides=[f"seconds={seconds}"]), worlds, seed=seed)
+    rewards = Rewards()
+    batch = 64 if worlds == 1 else 512
+    PPO("MlpPolicy", made, n_steps=256, batch_size=batch, seed=seed, device="cpu").learn(steps, rewards)
+    kept = np.stack(rewards.kept)[: steps // worlds].mean(1)
+    return kept[: len(kept) // SPANS * SPANS].reshape(SPANS, -1).mean(1) / tick
+
+
+def curves(experiment: str, arguments: argparse.Namespace) -> tuple[list[Curve], float]:
+    """Of all agents, and the rate at which the wired one collects."""
+    config = compose(f"+experiment={experiment}", f"trials={arguments.trials}", *arguments.override)
+    options, tick = compose_baselines(f"samples={SPANS}"), config.body()[0].tick / 1000.0
+    ticks = round(config.seconds / tick)
+    wired = collect(experiment, WIRED, config, options).row()
+    found = []
+    for agent in AGENTS:
+        result = collect(experiment, agent, config, options)
+        found.append(Curve(agent, ticks / len(result.time), result.items / result.spans[:, None]))
+    lives = [ppo(experiment, 1, ticks, config.seconds + 1.0, seed, tick) for seed in range(arguments.lives)]
+    many = [ppo(experiment, WORLDS, arguments.steps, EPISODE, seed, tick) for seed in range(arguments.seeds)]
+    found.append(Curve(LIFE, ticks / SPANS, np.stack(lives, 1)))
+    found.append(Curve(MANY, arguments.steps / SPANS, np.stack(many, 1)))
+    return found, float(wired["reward_mean"]) / float(wired["seconds"])
+
+
+def table_of(found: dict[str, tuple[list[Curve], float]]) -> str:
+    head = ("task", "agent", "runs", "steps", "items/s in the last tenth [95 %]", "reached", "steps until then, median")
+    rows = []
+    for task, (each, wired) in found.items():
+        for curve in each:
+            last, reached = curve.rate[-len(curve.rate) // 10 :].mean(0), curve.reached(0.5 * wired)
+            low, high = student(last)
+            done = int((~np.isnan(reached)).sum())
+            middle = f"{np.nanmedian(reached):,.0f}" if done else "never"
+            steps = f"{curve.steps * len(curve.rate):,.0f}"
+            shares = f"{done} of {len(last)}"
+            rate = f"{last.mean():.2f} [{low:.2f}, {high:.2f}]"
+            rows.append((task, name_of(curve.agent), str(len(last)), steps, rate, shares, middle))
+    return table(head, rows)
+
+
+def figure_of(found: dict[str, tuple[list[Curve], float]]) -> Figure:
+    drawn, (axes,) = figure(1, len(found), width=9.6, height=3.8, squeeze=False)
+    for axis, (task, (each, wired)) in zip(axes, found.items(), strict=True):
+        for curve in each:
+            colour = PPO_COLOURS.get(curve.agent) or COLOURS[curve.agent]
+            steps, mean = curve.steps * (np.arange(len(curve.rate)) + 0.5), curve.rate.mean(1)
+            axis.plot(steps, mean, color=colour, label=name_of(curve.agent))
+            half = student_half(curve.rate.std(1, ddof=1), curve.rate.shape[1])
+            axis.fill_between(steps, mean - half, mean + half, color=colour, alpha=0.2, linewidth=0)
+        axis.axhline(wired, color=COLOURS[WIRED], linestyle="--", label="wired by hand (Braitenberg)")
+        axis.set(title=task, xscale="log", xlabel="Environment steps of 70 ms, of all worlds (1)", ylim=(0, None))
+    axes[0].set_ylabel("Collection rate in each world (items/s)")
+    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return drawn
+
+
+def name_of(agent: str) -> str:
+    return agent.replace("_", " ")
+
+
+def main(words: Sequence[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--trials", type=int, default=50, help="of the spiking robot and the tables")
+    parser.add_argument("--lives", type=int, default=5, help="of PPO with one life each")
+    parser.add_argument("--steps", type=int, default=300_000, help="of PPO in many worlds")
+    parser.add_argument("--seeds", type=int, default=3, help="of PPO in many worlds")
+    parser.add_argument("--page", type=Path, help="the document that gets the table and the figure")
+    parser.add_argument("override", nargs="*", help="of the experiments' configuration, like seconds=100")
+    arguments = parser.parse_args(words)
+    torch.set_num_threads(1)  # tensors are too small to be shared out
+    found = {}
+    for task, experiment in TASKS.items():
+        found[task] = curves(experiment, arguments)
+    page = Page(table_of(found), figure_of(found))
+    print(page.table, end="")
+    if arguments.page:
+        page.put_into(arguments.page)
+    else:
+        folder = Path(mkdtemp())
+        page.save(folder)
+        print(f"figure in {folder}")
+
+
+if __name__ == "__main__":
+    main()
