@@ -41,7 +41,19 @@ def test_periods_end_when_food_goes_and_when_it_comes_back() -> None:
     assert ends == {"with food": (13, 15), "without": (24, 25), "food again": (34, 35)}
 
 
+def test_what_is_left_is_counted_beyond_what_a_robot_has_that_was_never_fed() -> None:
+    time = np.arange(1.0, 36.0)
+    course = np.select([time <= 15, time <= 25], [1.2, 0.3], 0.9)[:, None] * [1.0, 1.0, 0.2] + [0.0, 0.2, 0.0]
+    never = {"time": np.arange(1.0, 26.0)} | {name: np.full((25, 1), 0.2) for name in extinction.LEAST}
+    fed = {"time": time} | {name: course for name in extinction.LEAST}
+    first, *_ = extinction.lives_table({"robot": fed}, {"robot": never}, 15.0, 25.0).splitlines()[2:]
+    cells = [cell.strip() for cell in first.strip("|").split("|")]
+    # of three robots one has not learnt; of 1.0 and 1.2 more than the unfed have, 0.1 and 0.3 are left
+    assert cells[2] == "0.20"
+    assert [cell.split(" [")[0] for cell in cells[3:]] == ["2 of 3", "1.30", "0.40", "1.00", "1 of 2", "2 of 2"]
+
+
 def test_all_is_measured_with_and_without_inhibition(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(extinction, "SHOWN", 2)
     tables = extinction.make(("trials=2", "threads=1"), 0.02).table.split("\n\n")
-    assert [len(table.splitlines()) - 2 for table in tables] == [2 * 5, 2 * 4, 3 * 2]
+    assert [len(table.splitlines()) - 2 for table in tables] == [2 * 5, 2 * 4, 3 * 3]

@@ -41,7 +41,8 @@ CONTROLS = {
 }
 COLOURS = dict(zip(CONTROLS, ("#0072B2", "#D55E00", "#7f7f7f"), strict=True))
 TRAINED, OMITTED, SAMPLES = 160, 200, 70  # presentations with reward, without it, and samples of a robot's life
-FELL = 0.2  # of what it was: what has come down to this is unlearnt
+FELL = 0.2  # of what it was, beyond that of a robot that was never fed: what has come down to this is unlearnt
+LEAST = {"response": 0.1, "lead": 0.2, "visits": 0.05}  # beyond that, what has been learnt
 
 
 def conditioning(trained: int, omitted: int) -> list[Stage]:
@@ -185,19 +186,41 @@ def periods(series: Mapping[str, np.ndarray], gone: float, back: float) -> dict[
     return {name: (time > high - 0.2 * (high - low)) & (time <= high) for name, (low, high) in bounds.items()}
 
 
-def lives_table(lives: Mapping[str, Mapping[str, np.ndarray]], gone: float, back: float) -> str:
-    """What becomes of the response and of attraction, by robot; shares are of the trials that had learnt."""
+def lives_table(
+    lives: Mapping[str, Mapping[str, np.ndarray]],
+    never: Mapping[str, Mapping[str, np.ndarray]],
+    gone: float,
+    back: float,
+) -> str:
+    """What becomes of the response, of attraction and of visits, by robot.
+
+    Hunger alone gives weights a balance above zero, so what has been learnt, and is left of it, is what is beyond the
+    mean of robots which were `never` fed, as old as the others at the end without food. Shares are of the trials that
+    had learnt.
+    """
     rows = []
     for robot, series in lives.items():
         parts = periods(series, gone, back)
-        for name, least in (("response", 0.1), ("lead", 0.2)):
-            learnt, unlearnt, again = (series[name][part].mean(0) for part in parts.values())
+        unfed = never[robot]["time"] > back - 0.2 * (back - gone)
+        for name, least in LEAST.items():
+            floor = float(never[robot][name][unfed].mean())
+            learnt, unlearnt, again = (series[name][part].mean(0) - floor for part in parts.values())
             had = learnt > least
-            means = [interval(values[had], 2) if had.sum() > 1 else "too few" for values in (learnt, unlearnt, again)]
+            means = [interval(floor + v[had], 2) if had.sum() > 1 else "too few" for v in (learnt, unlearnt, again)]
             fell = unlearnt[had] <= FELL * learnt[had]
             returned = again[had] >= 0.5 * learnt[had]
-            rows.append([robot, name, share(had), *means, share(fell), share(returned)])
-    head = ["robot", "", "had learnt", "with food", "without", "food again", "fell by 80 %", "came back to half"]
+            rows.append([robot, name, f"{floor:.2f}", share(had), *means, share(fell), share(returned)])
+    head = [
+        "robot",
+        "",
+        "never fed",
+        "had learnt",
+        "with food",
+        "without",
+        "food again",
+        "fell by 80 %",
+        "came back to half",
+    ]
     return table(head, rows)
 
 
@@ -249,5 +272,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     gone, back = part * food.absent_from, part * food.absent_until
     times = (f"seconds={part * usual.seconds:g}", f"world.kinds.food={{absent_from: {gone:g}, absent_until: {back:g}}}")
     lives = {name: live([*overrides, *control, *times], samples) for name, control in CONTROLS.items()}
-    tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, gone, back))
+    unfed = (f"seconds={back:g}", f"world.kinds.food={{absent_from: 0, absent_until: {usual.seconds:g}}}")
+    never = {name: live([*overrides, *control, *unfed], samples) for name, control in CONTROLS.items()}
+    tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, never, gone, back))
     return Page("\n".join(tables), draw(found, lives, gone, back))
