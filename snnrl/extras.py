@@ -7,6 +7,7 @@ from importlib.util import find_spec
 
 EXTRAS = {  # what pyproject.toml installs for each, as it is imported
     "dashboards": ("tensorboard", "PIL"),
+    "mlflow": ("mlflow", "PIL"),
     "figures": ("matplotlib", "PIL", "scipy"),
     "statistics": ("scipy",),
     "environments": ("gymnasium",),

@@ -407,6 +407,7 @@ class RecordConfig:
     every: float = key("between two samples of the series", "s", above=0.0)
     start: float = key("from when on there are samples", "s", 0.0, least=0.0)
     tensorboard: bool = key("whether events are written", default=True)
+    loggers: list[str] = key("further ones: mlflow, or one of your own as FILE.py:NAME or MODULE:NAME", default=list)
     histograms: float = key("between two histograms of the weights; 0 is never", "s", 0.0, least=0.0)
     pictures: float = key("between two pictures of the first trial; 0 is never", "s", 0.0, least=0.0)
     alarms: AlarmsConfig = key("checked at every sample", default=AlarmsConfig)

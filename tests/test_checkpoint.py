@@ -23,6 +23,7 @@ from tensorboard.backend.event_processing.event_accumulator import EventAccumula
 from snnrl import files, run
 from snnrl.engines.fused import FusedEngine
 from snnrl.files import FolderError, owned, write
+from snnrl.recording import board as board_file
 from snnrl.running import checkpoint, job
 from snnrl.running.command import status
 from snnrl.running.job import perform
@@ -144,7 +145,7 @@ def test_killed_again_and_again_it_ends_the_same(tmp_path: Path, whole: dict[str
     folder = Path(shutil.copytree(stopped, tmp_path / "run"))
     kill(folder, make(), job.Recorder, "sample", 1)
     kill(folder, make(), checkpoint, "save", 1)
-    kill(folder, make(), job, "keep_events", 1)
+    kill(folder, make(), board_file, "keep_events", 1)
     perform(make("threads=2"), folder)
     assert results(folder) == whole
 

@@ -164,6 +164,10 @@ def test_only_the_board_knows_tensorboard() -> None:
     assert importers("torch.utils.tensorboard") | importers("tensorboard") == {"recording/board.py"}
 
 
+def test_only_one_logger_knows_mlflow() -> None:
+    assert importers("mlflow") == {"recording/tracking.py"}
+
+
 def test_only_the_compiled_engines_know_numba() -> None:
     assert all(path.startswith(("engines/fused/", "engines/cuda/")) for path in importers("numba"))
 

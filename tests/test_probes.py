@@ -15,7 +15,9 @@ from torch import Tensor
 
 from snnrl.configuration.builder import build
 from snnrl.engines import make_engine
+from snnrl.recording.board import Board
 from snnrl.recording.kept import kept_of
+from snnrl.recording.logger import About
 from snnrl.recording.probes import PROBES, Moment, Probe, counts, followed, probes_of
 from snnrl.recording.recorder import Recorder
 from snnrl.simulation import Simulation
@@ -82,7 +84,8 @@ def test_one_more_probe_is_one_function_and_one_entry(tmp_path: Path) -> None:
     simulation = build(config)
     kept = kept_of(simulation, config.experiment.correct)
     own = Probe("potential", potential, ("trial",), "mV", tag="mine/potential, mV")
-    recorder = Recorder(simulation, dataclasses.replace(kept, probes=(*kept.probes, own)), config.record, tmp_path)
+    kept = dataclasses.replace(kept, probes=(*kept.probes, own))
+    recorder = Recorder(simulation, kept, config.record, About(tmp_path), loggers={"board": Board()})
     expected = []
     for _ in range(3):
         simulation.run(make_engine("fused", "cpu", 1), 15)

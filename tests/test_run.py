@@ -51,8 +51,8 @@ def test_a_run_leaves_everything_it_promises(tmp_path: Path) -> None:
     tags = events.Tags()["scalars"]
     assert "behaviour/collection rate, items per s" in tags
     assert "dopamine/mean level, uM" in tags
-    assert "weight, mV/left_food_to_right_motor" in tags
-    assert "firing rate, Hz/left_motor" in tags
+    assert "weight, mV/left food to right motor" in tags
+    assert "firing rate, Hz/left motor" in tags
     values = [event.value for event in events.Scalars("behaviour/collection rate, items per s")]
     np.testing.assert_allclose(values, series["collection_rate"].mean(1), rtol=1e-5)
     assert "benchmark" not in (folder / "config.yaml").read_text()

@@ -11,8 +11,8 @@ from snnrl.running.schedule import NEVER, Every, Schedule, ticks_of
 TICK = 70  # ms
 
 
-def schedule(*overrides: str, watched: bool = True) -> Schedule:
-    return Schedule(compose_config("+experiment=food_attraction", *overrides), TICK, watched)
+def schedule(*overrides: str, shown: bool = True) -> Schedule:
+    return Schedule(compose_config("+experiment=food_attraction", *overrides), TICK, shown)
 
 
 def walk(plan: Schedule, pace: int = 1000) -> list[int]:
@@ -45,13 +45,13 @@ def test_every_so_often_from_the_first_on(every: Every, done: int, left: int, du
 
 
 def test_a_run_stops_where_something_is_due_and_nowhere_else() -> None:
-    """35 ticks: samples after 10, 20, 30 and at the end, histograms after 12 and 24, checkpoints after 20."""
+    """35 ticks: samples after 10, 20, 30, histograms after 12 and 24, both at the end too, checkpoints after 20."""
     times = ("seconds=2.45", "record.every=0.7", "record.histograms=0.84", "checkpoint.every=1.4")
     plan = schedule(*times, "record.pictures=0")
     assert walk(plan) == [10, 12, 20, 24, 30, 35]
     found = {done: plan.due(done) for done in walk(plan)}
     assert [done for done, due in found.items() if due.sample] == [10, 20, 30, 35]
-    assert [done for done, due in found.items() if due.histograms] == [12, 24]
+    assert [done for done, due in found.items() if due.histograms] == [12, 24, 35]
     assert [done for done, due in found.items() if due.checkpoint] == [20]
     assert not any(due.picture or due.point for due in found.values())
     assert not any(plan.filmed(done) for done in range(35))
@@ -63,7 +63,7 @@ def test_sampling_begins_where_it_is_told() -> None:
     assert [plan.due(done).sample for done in (2, 12, 22, 29, 30)] == [False, True, True, False, True]
 
 
-def test_tensorboard_gets_less_of_a_run_of_few_trials() -> None:
+def test_loggers_get_less_of_a_run_of_few_trials() -> None:
     """20,000 ticks with 200 samples and 100 histograms, shown at most 61.4 and 4.14 times, or 760 and 74 times."""
     times = ("seconds=1400", "record.every=7", "record.histograms=14", "record.pictures=0")
     few, many = schedule(*times, "trials=1"), schedule(*times, "trials=500")
@@ -97,13 +97,19 @@ def test_points_are_counted_back_from_the_picture() -> None:
     assert [plan.due(done).point for done in range(1, 8)] == [False, True, False, False, False, False, True]
 
 
-@pytest.mark.parametrize(
-    ("option", "watched"), [("record.tensorboard=false", True), ("record.tensorboard=true", False)]
-)
-def test_without_events_or_someone_to_watch_there_are_no_pictures(option: str, watched: bool) -> None:
-    plan = schedule(
-        "seconds=7", "record.every=3.5", "record.pictures=1", "record.histograms=1", option, watched=watched
-    )
+def test_a_run_shorter_than_the_intervals_has_histograms_and_a_picture_at_its_end() -> None:
+    plan = schedule("seconds=7")
+    assert plan.due(100).histograms
+    assert plan.due(100).picture
+    assert not plan.due(99).histograms
+    never = schedule("seconds=7", "record.histograms=0", "record.pictures=0")
+    assert not never.due(100).histograms
+    assert not never.due(100).picture
+
+
+def test_where_nothing_is_shown_there_are_no_histograms_and_pictures() -> None:
+    plan = schedule("seconds=7", "record.every=3.5", "record.pictures=1", "record.histograms=1", shown=False)
     assert walk(plan) == [50, 100]
     assert not plan.due(100).picture
+    assert not plan.due(100).histograms
     assert not plan.filmed(99)

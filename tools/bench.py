@@ -42,6 +42,7 @@ from snnrl.engines import Engine, make_engine
 from snnrl.errors import ConfigError
 from snnrl.files import write_json
 from snnrl.running.job import simulate
+from snnrl.running.loggers import loggers_of
 from snnrl.running.signals import Signals
 
 ENVIRONMENTS = ("snnrl/FoodAttraction-v0", "snnrl/DualLearning-v0")
@@ -62,8 +63,9 @@ def recording(engine: Engine, device: str, robot: str, trials: int, seconds: flo
             folder = Path(parent, name)
             folder.mkdir()
             write_json(folder / "summary.json", {"complete": False, "overrides": []})
+            loggers = loggers_of(config.record)
             simulation, started = build(config), time.perf_counter()
-            for _ in simulate(config, simulation, engine, folder, None, Signals()):
+            for _ in simulate(config, simulation, engine, folder, None, Signals(), loggers=loggers):
                 pass
             spent.append(time.perf_counter() - started)
     return 100.0 * (spent[0] - spent[1]) / spent[0]

@@ -44,7 +44,7 @@ def of_run(run: Run) -> Dataset:
     time = np.round(series["time"].astype(float), 3)
     variables: dict[str, Any] = {}
     for probe in PROBES:
-        if probe.dims and probe.name in series and not probe.outcome:
+        if probe.dims and probe.name in series and probe.series:
             values = _from_start(series[probe.name], len(time))
             variables[probe.name] = variable(("time", *probe.dims), values, probe.unit, comment=probe.note)
     for name, (dims, unit) in OF_A_TASK.items():

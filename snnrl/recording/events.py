@@ -1,14 +1,10 @@
-"""A run's TensorBoard events as files and as choices; what writes them is `snnrl.recording.board`."""
+"""A run's TensorBoard events as files; what writes them is `snnrl.recording.board`."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 
 from snnrl.files import write
-
-ALARMS = "alarms, trials"
-WITHOUT_EFFECT = ("threads", "record.", "checkpoint.")
 
 
 def keep_events(folder: Path, size: int) -> None:
@@ -23,16 +19,3 @@ def keep_events(folder: Path, size: int) -> None:
     for file in files:
         if file != kept or not size:
             file.unlink()
-
-
-def choices(overrides: Iterable[str], **always: str | float) -> dict[str, str | float]:
-    """What a command line has chosen that may change a result, by key, numbers as such; and what there always is."""
-    chosen: dict[str, str | float] = {}
-    for override in overrides:
-        key, _, text = override.lstrip("+").partition("=")
-        if not key.startswith(WITHOUT_EFFECT):
-            try:
-                chosen[key] = float(text)
-            except ValueError:
-                chosen[key] = text
-    return {**chosen, **always}

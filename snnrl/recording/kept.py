@@ -75,7 +75,7 @@ def fraction_correct(rules: Mapping[str, str]) -> Probe:
     def read(moment: Moment) -> torch.Tensor:
         return correct(moment.simulation.network, rules).double()
 
-    return Probe("correct", read, ("trial",), "", tag="behaviour/fraction correct", outcome=True)
+    return Probe("correct", read, ("trial",), "", tag="behaviour/fraction correct", metric=True, series=False)
 
 
 def end_of_robot(simulation: Simulation[Any], rules: Mapping[str, str], series: Series) -> Ending:

@@ -15,7 +15,7 @@ from snnrl.schema import FOOD
 from snnrl.simulation import Simulation
 from snnrl.tasks.task import Task
 
-WEIGHT, ELIGIBILITY = "weight, mV", "eligibility"  # tags of the probes of those names
+WEIGHT, ELIGIBILITY = "weight, mV", "eligibility, mV per uM ms"  # tags of the probes of those names
 
 
 @dataclass(frozen=True)
@@ -80,9 +80,11 @@ class Probe:
         unit: of these values.
         of: which simulations it applies to.
         between: whether they are of the time since the sample before, so that there are none at the start.
-        tag: what TensorBoard calls their mean over trials; "" where it does not show them.
+        tag: what loggers call their mean over trials; "" where it is not shown.
         parts: names of their last dimension, which follow the tag; None for one value a trial.
-        outcome: whether this is what the run has come to so far: TensorBoard's measure of the run, and no series.
+        spread: whether loggers are shown their quantiles over trials too.
+        metric: whether they are what the run has come to so far, by which it is compared with others.
+        series: whether every sample of them is kept.
         told: how a line of progress tells their mean; "" where it does not.
         note: what else is to be known of them.
     """
@@ -95,7 +97,9 @@ class Probe:
     between: bool = False
     tag: str = ""
     parts: Callable[[Simulation[Any]], list[str]] | None = None
-    outcome: bool = False
+    spread: bool = False
+    metric: bool = False
+    series: bool = True
     told: str = ""
     note: str = ""
 
@@ -103,7 +107,12 @@ class Probe:
         """One for each of the last dimension."""
         if self.parts is None:
             return [self.tag] if self.tag else []
-        return [f"{self.tag}/{part}" for part in self.parts(simulation)]
+        return [f"{self.tag}/{readable(part)}" for part in self.parts(simulation)]
+
+
+def readable(name: str) -> str:
+    """A name of the configuration as it is shown."""
+    return name.replace("_", " ")
 
 
 def counts(simulation: Simulation[Any]) -> dict[str, Tensor]:
@@ -243,6 +252,7 @@ PROBES = (
         of=is_robot,
         between=True,
         tag="behaviour/collection rate, items per s",
+        spread=True,
         told="{:.2f} food/s",
     ),
     Probe("firing_rate", firing_rate, BY_GROUP, "Hz", between=True, tag="firing rate, Hz", parts=groups),
@@ -268,13 +278,42 @@ PROBES = (
         "items",
         of=is_robot,
         tag="behaviour/food, items",
-        outcome=True,
+        metric=True,
+        series=False,
     ),
-    Probe("rewards", rewards, EACH, "", of=is_task, tag="task/rewards", told="{:.1f} rewards", note=SUM),
-    Probe("dopamine", dopamine, EACH, "uM", of=task_has_dopamine, tag="task/dopamine"),
-    Probe("mean_weight", mean_weight, EACH, "mV", of=is_task, tag="task/mean_weight", note="plastic, not watched"),
-    Probe("chosen_weight", chosen_weight, EACH, "mV", of=has_coincidence, tag="task/chosen_weight", note="watched"),
-    Probe("max_weight", max_weight, EACH, "mV", of=has_coincidence, tag="task/max_weight", note="not watched"),
+    Probe("rewards", rewards, EACH, "", of=is_task, tag="task/rewards", metric=True, told="{:.1f} rewards", note=SUM),
+    Probe("dopamine", dopamine, EACH, "uM", of=task_has_dopamine, tag="task/dopamine, uM"),
+    Probe(
+        "mean_weight",
+        mean_weight,
+        EACH,
+        "mV",
+        of=is_task,
+        tag="task/mean weight, mV",
+        spread=True,
+        metric=True,
+        note="plastic, not watched",
+    ),
+    Probe(
+        "chosen_weight",
+        chosen_weight,
+        EACH,
+        "mV",
+        of=has_coincidence,
+        tag="task/weight of the watched synapse, mV",
+        spread=True,
+        metric=True,
+        note="watched",
+    ),
+    Probe(
+        "max_weight",
+        max_weight,
+        EACH,
+        "mV",
+        of=has_coincidence,
+        tag="task/largest weight of the others, mV",
+        note="not watched",
+    ),
     Probe("coincidences", coincidences, EACH, "", of=has_coincidence, tag="task/coincidences", note=SUM),
     Probe("presented", presented, BY_STIMULUS, "", of=has_stimuli, note=SUM),
     Probe("response", response, BY_STIMULUS, "spikes", of=has_stimuli, note=SUM),

@@ -1,10 +1,10 @@
-"""What is kept of a run: series in memory, TensorBoard events as it goes, files at the end."""
+"""What is kept of a run: series in memory, what loggers are told as it goes, files at the end."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -12,16 +12,14 @@ import torch
 from snnrl.files import csv_of, npz_of, write
 from snnrl.model.synapses import Projection
 from snnrl.recording.alarms import POINTS, Alarms
-from snnrl.recording.events import ALARMS
 from snnrl.recording.film import PATH, Film
 from snnrl.recording.kept import Kept
+from snnrl.recording.logger import About, Logger
 from snnrl.recording.monitors import Monitor
 from snnrl.recording.probes import Moment, Probe, counts, followed
+from snnrl.recording.shown import ALARMS, by_role, charts, histograms, means, spread
 from snnrl.schema import RecordConfig
 from snnrl.simulation import Simulation
-
-if TYPE_CHECKING:
-    from snnrl.recording.board import Board
 
 
 class Recorder:
@@ -30,11 +28,11 @@ class Recorder:
     Args:
         simulation: what is sampled.
         kept: what is read at every sample, and at the end.
-        config: thresholds of alarms, and whether events are written.
-        folder: of the run.
-        choices: the run's row in TensorBoard's table of hyperparameters.
-        state: what `state_dict` gave of the recorder of the run's part so far; see also `board.keep_events`.
+        config: thresholds of alarms.
+        about: what loggers are told of the run, but for its metrics and charts.
+        state: what `state_dict` gave of the recorder of the run's part so far.
         monitors: see that they see the simulation run; what they have seen is kept with the rest.
+        loggers: by their names.
 
     Attributes:
         film: what the next picture will show.
@@ -45,12 +43,12 @@ class Recorder:
         simulation: Simulation[Any],
         kept: Kept,
         config: RecordConfig,
-        folder: Path,
-        choices: Mapping[str, str | float] | None = None,
+        about: About,
         state: Mapping[str, Any] | None = None,
         monitors: Sequence[Monitor] = (),
+        loggers: Mapping[str, Logger] | None = None,
     ) -> None:
-        self.simulation, self.kept, self.folder, self.monitors = simulation, kept, folder, monitors
+        self.simulation, self.kept, self.folder, self.monitors = simulation, kept, about.folder, monitors
         self.followed = followed(simulation) if kept.watched else []
         part: Mapping[str, Any] = state or {}
         self._samples = {key: list(values.numpy()) for key, values in part.get("samples", {}).items()}
@@ -61,32 +59,36 @@ class Recorder:
         self.film = Film(simulation.network, simulation.tick, part.get("film"))
         for monitor in monitors if state else ():
             monitor.load_state_dict(part["monitors"][monitor.name])
-        metrics = [probe.tag for probe in kept.probes if probe.outcome]
-        self.board = None if not config.tensorboard else board_of(folder, self.followed, metrics)
-        if state is None:
-            if self.board is not None:
-                self.board.begin(choices or {})
-            if kept.from_start:
-                self._keep(Moment(simulation, {}), [probe for probe in kept.probes if not probe.between])
+        self.loggers = loggers or {}
+        self._begin(about, part.get("loggers", {}))
+        if state is None and kept.from_start:
+            self._keep(Moment(simulation, {}), [probe for probe in kept.probes if not probe.between])
+
+    def _begin(self, about: About, saved: Mapping[str, int | str]) -> None:
+        probes = self.kept.probes
+        metrics = [tag for probe in probes if probe.metric for tag in probe.tags(self.simulation)]
+        about = replace(about, metrics=metrics, charts=charts(self.simulation, probes, self.followed))
+        for name, logger in self.loggers.items():
+            logger.begin(about, saved.get(name))
 
     def state_dict(self) -> dict[str, Any]:
-        """All that has been sampled, and how many bytes of events are on the disk for good."""
+        """All that has been sampled, and what loggers need to go on."""
         return {
             "samples": {key: torch.from_numpy(np.stack(values)) for key, values in self._samples.items()},
             "before": self._before,
             "alarms": None if self.alarms is None else self.alarms.state_dict(),
             "film": self.film.state_dict(),
             "monitors": {monitor.name: monitor.state_dict() for monitor in self.monitors},
-            "events": self.board.flush() if self.board else 0,
+            "loggers": {name: logger.flush() for name, logger in self.loggers.items()},
         }
 
     @property
     def _step(self) -> int:
-        """Of TensorBoard, simulated s."""
+        """Of loggers, simulated s."""
         return round(self.simulation.seconds)
 
     def sample(self, shown: bool = True) -> list[str]:
-        """Read all probes; `shown`, in TensorBoard too.
+        """Read all probes; `shown`, for loggers too.
 
         Returns a line for each kind of alarm that has occurred for the first time.
         """
@@ -95,11 +97,12 @@ class Recorder:
         self._before = now
         self._keep(moment, self.kept.probes)
         rung = self._check()
-        if self.board is not None:
+        scalars = self._scalars(moment) if self.loggers and shown and self._step > last else {}
+        for logger in self.loggers.values():
             for kind, line in rung.items():
-                self.board.note(f"alarm: {kind}", line, self._step)
-            if shown and self._step > last:
-                self.board.scalars(self._scalars(moment), self._step)
+                logger.text(f"alarm: {kind}", line, self._step)
+            if scalars:
+                logger.scalars(scalars, self._step)
         return list(rung.values())
 
     def told(self) -> str:
@@ -109,7 +112,7 @@ class Recorder:
 
     def _keep(self, moment: Moment, probes: Sequence[Probe]) -> None:
         for probe in probes:
-            if not probe.outcome:
+            if probe.series:
                 self._samples.setdefault(probe.name, []).append(probe.read(moment).cpu().numpy().copy())
 
     def _check(self) -> dict[str, str]:
@@ -120,12 +123,15 @@ class Recorder:
         return {kind: self.alarms.explain(kind) for kind in self.alarms.check(weight)}
 
     def _scalars(self, moment: Moment) -> dict[str, float]:
-        """Means over trials of the latest sample, and the outcome so far, by their tags; trials by kind of alarm."""
+        """Means and spread over trials of the latest sample, by their tags; trials by kind of alarm."""
         values: dict[str, float] = {}
         for probe in self.kept.probes:
             if tags := probe.tags(self.simulation):
-                latest = probe.read(moment).cpu().numpy() if probe.outcome else self._samples[probe.name][-1]
-                values |= zip(tags, np.atleast_1d(latest.mean(0)).tolist(), strict=True)
+                latest = self._samples[probe.name][-1] if probe.series else probe.read(moment).cpu().numpy()
+                values |= means(tags, latest)
+                values |= spread(probe.tag, latest) if probe.spread else {}
+        for tag, weight in by_role(self.followed, self._samples["weight"][-1]).items() if self.followed else ():
+            values |= {tag: float(weight.mean()), **spread(tag, weight)}
         alarms = {} if self.alarms is None else self.alarms.counts()
         return values | {f"{ALARMS}/{kind}": count for kind, count in alarms.items()}
 
@@ -135,14 +141,13 @@ class Recorder:
 
     def histograms(self) -> None:
         """Show how the weights of all trials are distributed."""
-        if self.board is not None:
-            self.board.histograms(self._step)
+        found = histograms(self.followed) if self.loggers else {}
+        for logger in self.loggers.values():
+            logger.histograms(found, self._step)
 
     def picture(self) -> None:
         """Show the first trial: where its robot has been, who has fired, its weights."""
-        if self.board is None:
-            return
-        from snnrl.drawing import snapshots  # of the extra `dashboards`
+        from snnrl.drawing import snapshots  # which need Pillow
 
         network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
         shown = {
@@ -153,10 +158,11 @@ class Recorder:
         for tag, drawn in shown.items():
             if drawn is not None:
                 trial = int(network.draws.trials[0])
-                self.board.picture(f"trial {trial}/{tag}", drawn, self._step)
+                for logger in self.loggers.values():
+                    logger.figure(f"trial {trial}/{tag}", drawn, self._step)
 
     def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
-        """Write the files of a complete run but its summary, and close the events; returns the results, and the alarms.
+        """Write the files of a complete run but its summary, and end the loggers; returns the results, and the alarms.
 
         series.npz holds for each of the `probes` NAME what it read, [T, ...] (see `snnrl.recording.probes`; without
         the first sample where that is before the first tick and it reads what is between two), the names of the
@@ -179,16 +185,9 @@ class Recorder:
         columns = {"trial": trials, **ending.columns}
         rows = zip(*(map(_cell, values.tolist()) for values in columns.values()), strict=True)
         write(self.folder / "trials.csv", csv_of(list(columns), rows))
-        if self.board is not None:
-            self.board.end()
+        for logger in self.loggers.values():
+            logger.end()
         return dict(ending.results), {} if self.alarms is None else self.alarms.summary()
-
-
-def board_of(folder: Path, followed: Sequence[Projection], metrics: Sequence[str]) -> Board:
-    """See `Board`; needs the extra `dashboards`."""
-    from snnrl.recording.board import Board
-
-    return Board(folder, followed, metrics)
 
 
 def _cell(value: float) -> str:

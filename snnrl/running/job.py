@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +28,15 @@ from snnrl.engines import Engine, make_engine
 from snnrl.engines.watched import WatchedEngine
 from snnrl.extras import lacks
 from snnrl.files import FolderError, finite, owned, write, write_json
-from snnrl.recording.events import choices, keep_events
 from snnrl.recording.kept import kept_of
+from snnrl.recording.logger import About, Logger
 from snnrl.recording.monitors import Monitor, monitors_of
 from snnrl.recording.recorder import Recorder
+from snnrl.recording.shown import choices
 from snnrl.running import checkpoint
 from snnrl.running.beside import Beside
 from snnrl.running.checkpoint import Checkpoint, difference, settings
+from snnrl.running.loggers import loggers_of
 from snnrl.running.progress import Progress
 from snnrl.running.schedule import Due, Schedule
 from snnrl.running.signals import Interrupted, Pace, Signals
@@ -58,15 +61,15 @@ def perform(config: Config, folder: Path, overrides: Sequence[str] = (), threads
         OSError: something could not be written; what was saved before is as it was.
     """
     simulation = build(config)
-    monitors = _monitors(config, simulation)
-    engine = _engine(config, threads)
+    monitors, loggers = _monitors(config, simulation), loggers_of(config.record)
+    engine = _engine(config, threads, monitors)
     with owned(folder), Signals() as signals:
         if _is_complete(folder, config):
             return read_summary(folder)
         saved = checkpoint.load(folder, config, simulation)
-        _begin(folder, config, overrides, saved)
+        _begin(folder, config, overrides)
         try:
-            for _ in simulate(config, simulation, engine, folder, saved, signals, monitors):
+            for _ in simulate(config, simulation, engine, folder, saved, signals, monitors, loggers):
                 pass
         except (Exception, KeyboardInterrupt) as error:
             with suppress(OSError):
@@ -84,15 +87,15 @@ def _monitors(config: Config, simulation: Simulation[Any]) -> list[Monitor]:
     return monitors
 
 
-def _engine(config: Config, threads: int) -> Engine:
-    """The engine of a run, with its threads and torch's; `threads` where the configuration leaves them open."""
+def _engine(config: Config, threads: int, monitors: Sequence[Monitor]) -> Engine:
+    """The engine of a run, seen by its monitors, with its threads and torch's; `threads` where they are left open."""
     threads = config.threads or threads
     engine = make_engine(config.engine, config.device, threads)
     if engine.name == "fused":
         torch.set_num_threads(1)  # what is left to torch is small; more threads only wait for each other
     elif threads:
         torch.set_num_threads(threads)
-    return engine
+    return WatchedEngine(engine, monitors) if monitors else engine
 
 
 def _is_complete(folder: Path, config: Config) -> bool:
@@ -107,13 +110,11 @@ def _is_complete(folder: Path, config: Config) -> bool:
     return True
 
 
-def _begin(folder: Path, config: Config, overrides: Sequence[str], saved: Checkpoint | None) -> None:
-    """Have a folder hold what a run that has come as far as its checkpoint has left there."""
-    if (folder / "config.yaml").exists():
-        keep_events(folder, saved.recorder["events"] if saved else 0)
-        return
-    write_json(folder / "summary.json", {"complete": False, **description(config), "overrides": list(overrides)})
-    write(folder / "config.yaml", dump(config))
+def _begin(folder: Path, config: Config, overrides: Sequence[str]) -> None:
+    """Have a folder say which run it is for."""
+    if not (folder / "config.yaml").exists():
+        write_json(folder / "summary.json", {"complete": False, **description(config), "overrides": list(overrides)})
+        write(folder / "config.yaml", dump(config))
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
@@ -159,21 +160,21 @@ def simulate(
     saved: Checkpoint | None,
     signals: Signals,
     monitors: Sequence[Monitor] = (),
+    loggers: Mapping[str, Logger] | None = None,
 ) -> Iterator[float]:
     """Run a simulation from where it is to its end, and write its results to `folder`.
 
     Time is advanced here and nowhere else: as far as the next thing that is due, or less, so that a signal is noticed.
     Yields the simulated s that are done, after each part.
     """
-    config, left_out = what_can_be_shown(config)
+    config, left_out = what_can_be_shown(config, bool(loggers))
     beside = Beside(simulation)
     overrides, kept = read_summary(folder)["overrides"], kept_of(beside.copy, config.experiment.correct)
-    schedule = Schedule(config, simulation.tick, kept.watched)
-    named = choices(overrides, experiment=config.experiment.name, robot=config.robot.name, seed=config.seed)
-    recorder = Recorder(beside.copy, kept, config.record, folder, named, saved.recorder if saved else None, monitors)
-    engine = WatchedEngine(engine, monitors) if monitors else engine
-    wall = saved.wall if saved else 0.0
-    progress = Progress(f"{config.experiment.name} {config.robot.name}", config.trials, config.seconds, wall)
+    schedule = Schedule(config, simulation.tick, kept.watched and bool(loggers))
+    about = About(folder, config.experiment.name, choices(settings(config), overrides))
+    wall, past = (saved.wall, saved.recorder) if saved else (0.0, None)
+    recorder = Recorder(beside.copy, kept, config.record, about, past, monitors, loggers)
+    progress = Progress(f"{about.name} {config.robot.name}", config.trials, config.seconds, wall)
     for line in left_out:
         progress.say(line)
     with progress.preparing() as compiling:
@@ -203,12 +204,18 @@ def simulate(
     checkpoint.remove(folder)
 
 
-def what_can_be_shown(config: Config) -> tuple[Config, list[str]]:
-    """The configuration without the events that nothing here can write, and a line about all that is left out."""
+def what_can_be_shown(config: Config, logged: bool) -> tuple[Config, list[str]]:
+    """The configuration without the pictures that nothing here can draw, and a line about all that is left out.
+
+    Args:
+        logged: whether there are loggers, to which pictures would go.
+    """
     lines = []
     if config.record.tensorboard and (line := lacks("dashboards")):
         lines.append(f"record.tensorboard=true: no events are written, which {line}")
-        config = replace(config, record=replace(config.record, tensorboard=False))
+    if logged and find_spec("PIL") is None:
+        lines.append("record.pictures: none are drawn, which needs pip install pillow")
+        config = replace(config, record=replace(config.record, pictures=0.0))
     if config.task is not None and (line := lacks("figures")):
         lines.append(f"no figure is drawn, which {line}")
     return config, lines

@@ -9,7 +9,7 @@ from snnrl.recording.film import spacing
 from snnrl.schema import Config
 
 NEVER = 1 << 60
-# What TensorBoard gets of a run at most, and one more for each so many trial-seconds: of runs that are over in seconds
+# What loggers get of a run at most, and one more for each so many trial-seconds: of runs that are over in seconds
 # writing all of it would take longer than simulating
 POINTS, SECONDS_A_POINT = 60, 1000.0
 HISTOGRAMS, SECONDS_A_HISTOGRAM = 4, 10_000.0
@@ -52,21 +52,20 @@ class Due:
 class Schedule:
     """What is due when, from the intervals of a configuration.
 
-    At the end of a run there is a sample, which is shown, and, where there are pictures, a picture too. Before each
-    picture some ticks are filmed: who fires, and every so often where the robot is.
+    At the end of a run there is a sample, which is shown, and, where there are any, histograms and a picture. Before
+    each picture some ticks are filmed: who fires, and every so often where the robot is.
 
     Args:
         config: of the run.
         tick: ms.
-        watched: whether there are histograms and pictures; only with events.
+        shown: whether there are histograms and pictures.
 
     Attributes:
         end: the last tick.
     """
 
-    def __init__(self, config: Config, tick: int, watched: bool) -> None:
+    def __init__(self, config: Config, tick: int, shown: bool) -> None:
         record = config.record
-        shown = watched and record.tensorboard
         self.end = ticks_of(config.seconds, tick)
         self.samples = Every(ticks_of(record.every, tick), round(1000 * record.start / tick))
         self.histograms, self.pictures = (
@@ -114,7 +113,7 @@ class Schedule:
             point=self.filmed(done - 1) and (picture or self._picture(done) % self._step == 0),
             sample=self.samples.due(done) or at_end,
             scalars=self.scalars.due(done) or at_end,
-            histograms=self.histograms.due(done),
+            histograms=self.histograms.due(done) or (at_end and self.histograms.ticks > 0),
             picture=picture,
             checkpoint=self.checkpoints.due(done),
         )
