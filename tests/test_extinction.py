@@ -45,7 +45,7 @@ def test_what_is_left_is_counted_beyond_what_a_robot_has_that_was_never_fed() ->
     time = np.arange(1.0, 36.0)
     course = np.select([time <= 15, time <= 25], [1.2, 0.3], 0.9)[:, None] * [1.0, 1.0, 0.2] + [0.0, 0.2, 0.0]
     never = {"time": np.arange(1.0, 26.0)} | {name: np.full((25, 1), 0.2) for name in extinction.LEAST}
-    fed = {"time": time} | {name: course for name in extinction.LEAST}
+    fed = {"time": time} | dict.fromkeys(extinction.LEAST, course)
     first, *_ = extinction.lives_table({"robot": fed}, {"robot": never}, 15.0, 25.0).splitlines()[2:]
     cells = [cell.strip() for cell in first.strip("|").split("|")]
     # of three robots one has not learnt; of 1.0 and 1.2 more than the unfed have, 0.1 and 0.3 are left
