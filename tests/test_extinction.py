@@ -56,4 +56,4 @@ def test_what_is_left_is_counted_beyond_what_a_robot_has_that_was_never_fed() ->
 def test_all_is_measured_with_and_without_inhibition(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(extinction, "SHOWN", 2)
     tables = extinction.make(("trials=2", "threads=1"), 0.02).table.split("\n\n")
-    assert [len(table.splitlines()) - 2 for table in tables] == [2 * 5, 2 * 4, 3 * 3]
+    assert [len(table.splitlines()) - 2 for table in tables] == [2 * 5, 2 * 4, 3 * 3, 3 * 2]

@@ -22,6 +22,7 @@ from snnrl.drawing.style import band, figure, mark
 from snnrl.engines import Engine, make_engine
 from snnrl.intervals import wilson
 from snnrl.model.network import Network
+from snnrl.recording.criteria import correct
 
 DOPAMINERGIC, CUE, OTHER, REWARD = "dopaminergic", "food_container_touch", "empty_container_touch", "food_touch"
 LENGTH, AT, DELAY = 3000, 500, 800  # ms: a presentation, until the cue in it, from the cue to the reward
@@ -40,6 +41,7 @@ CONTROLS = {
     "thesis's network": ("network=food_container",),
 }
 COLOURS = dict(zip(CONTROLS, ("#0072B2", "#D55E00", "#7f7f7f"), strict=True))
+USUAL = ("dual_learning", "secondary_behaviour", "secondary_stimulus")  # the thesis's experiments with containers
 TRAINED, OMITTED, SAMPLES = 160, 200, 70  # presentations with reward, without it, and samples of a robot's life
 FELL = 0.2  # of what it was, beyond that of a robot that was never fed: what has come down to this is unlearnt
 LEAST = {"response": 0.1, "lead": 0.2, "visits": 0.05}  # beyond that, what has been learnt
@@ -111,13 +113,13 @@ def open_loop(overrides: Sequence[str], stages: Sequence[Stage]) -> dict[str, Te
     return responses(network, make_engine("auto", "cpu"), stages)
 
 
-def evoked(network: Network) -> Tensor:
-    """Spikes of a dopaminergic neuron that touching a food container would evoke now, [B]."""
+def evoked(network: Network, touch: str = CUE) -> Tensor:
+    """Spikes of a dopaminergic neuron that touching a container would evoke now, [B]."""
     counts = []
     for pulse in (PULSE, 0.0):
         tried = copy.deepcopy(network)
         current = torch.zeros(1 + ANSWER, network.trials, network.size, dtype=network.dtype)
-        current[0, :, network.groups[CUE].span] = pulse
+        current[0, :, network.groups[touch].span] = pulse
         raster = torch.zeros(current.shape, dtype=torch.bool)
         tried.run(current, raster=raster)
         counts.append(raster[:, :, network.groups[DOPAMINERGIC].span].float().mean(2).sum(0))
@@ -224,6 +226,24 @@ def lives_table(
     return table(head, rows)
 
 
+def usual_table(overrides: Sequence[str], part: float) -> str:
+    """What the thesis's own experiments come to with the network that predicts, and with the plain one."""
+    rows = []
+    for name in USUAL:
+        for network in ("predicting", "food_container"):
+            config = compose(f"+experiment={name}", f"network={network}", *overrides)
+            simulation = build(config)
+            simulation.run(make_engine("auto", "cpu"), round(part * 1000 * config.seconds / simulation.tick))
+            rules, trained = config.experiment.correct, simulation.network
+            learnt = share(correct(trained, rules).numpy()) if rules else "given"
+            food = simulation.situation.world.count("food").double().numpy()
+            answers = [interval(evoked(trained, touch).double().numpy(), 2) for touch in (CUE, OTHER)]
+            names = (name.replace("_", " "), network.replace("_", " "))
+            rows.append([*names, interval(food, 0), learnt, *answers])
+    head = ["experiment", "network", "items", "learnt", "answer to a food container", "to an empty one"]
+    return table(head, rows)
+
+
 def draw(
     found: Mapping[str, Mapping[str, Tensor]], lives: Mapping[str, Mapping[str, np.ndarray]], gone: float, back: float
 ) -> Figure:
@@ -275,4 +295,5 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     unfed = (f"seconds={back:g}", f"world.kinds.food={{absent_from: 0, absent_until: {usual.seconds:g}}}")
     never = {name: live([*overrides, *control, *unfed], samples) for name, control in CONTROLS.items()}
     tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, never, gone, back))
+    tables += (usual_table(overrides, part),)
     return Page("\n".join(tables), draw(found, lives, gone, back))
