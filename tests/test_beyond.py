@@ -113,10 +113,18 @@ def test_what_hurts_comes_to_be_touched_less(monkeypatch: pytest.MonkeyPatch) ->
     assert table[-1].endswith("| 1.00 |")
 
 
+def test_dopamine_moves_to_links_that_follow_soon() -> None:
+    near, far = (chain.presented(gap, 20, ("trials=3", "threads=1")) for gap in (0.1, 3.0))
+    assert near["key_touch"].mean() > chain.ANSWERS
+    assert far["key_touch"].mean() < chain.ANSWERS
+
+
 def test_every_chain_is_run_by_every_agent(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chain, "SECONDS", 14.0)
     monkeypatch.setattr(chain, "EVERY", 1.4)
-    rows = chain.make(SMALL, 1.0).table.splitlines()
+    monkeypatch.setattr(chain, "PRESENTED", 1)
+    rows, gaps = (table.splitlines() for table in chain.make(SMALL, 1.0).table.split("\n\n"))
+    assert len(gaps) == 2 + len(chain.GAPS)
     assert len(rows) == 2 + len(chain.CHAINS) * len(chain.AGENTS)
     assert sum(row.startswith("| key, container, food | learning |") for row in rows) == 1
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from matplotlib.figure import Figure
 
 from snnrl.beyond.course import Course, first_time, follow, interval
+from snnrl.beyond.extinction import PULSE, evoked
 from snnrl.beyond.page import Page, draw, table
-from snnrl.configuration.compose import compose_baselines
+from snnrl.configuration.builder import build
+from snnrl.configuration.compose import compose, compose_baselines
 from snnrl.drawing.style import figure
+from snnrl.engines import make_engine
 from snnrl.intervals import wilson
 
 INERT = "world.kinds.key.opens=[]"
@@ -28,6 +32,11 @@ WINDOW = 6  # spans
 LEARNT = 0.5  # part of what the wired robot collects
 TUNED = ("sarsa_lambda.bins=2",)  # as in snnrl.beyond.changing_world
 
+GAPS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)  # s from one link of the chain to the next, in open loop
+LINKS = ("key_touch", "food_container_touch", "food_touch")
+PRESENTED, PAUSE, REST = 200, 3000, 1000  # chains; ms between two of them; ms of rest at a time
+ANSWERS = 0.1  # spikes of a dopaminergic neuron that are an answer
+
 Courses = dict[str, dict[str, Course]]  # by chain and agent
 
 
@@ -40,7 +49,23 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
         courses[chain] = {
             agent: follow(agent, EVERY, options, *world, *(wired if agent == WIRED else ())) for agent in AGENTS
         }
-    return Page(_table(courses), _figure(courses))
+    answers = {gap: presented(gap, max(1, round(part * PRESENTED)), overrides) for gap in GAPS}
+    return Page(f"{_table(courses)}\n{_gaps_table(answers)}", _figure(courses))
+
+
+def presented(gap: float, times: int, overrides: Sequence[str]) -> dict[str, np.ndarray]:
+    """Spikes of a dopaminergic neuron, [B], that a link evokes after chains with such a gap, in open loop, by link."""
+    network, engine = build(compose("+experiment=chain", *overrides)).network, make_engine("auto", "cpu")
+    still = torch.zeros(REST, network.trials, network.size, dtype=network.dtype)
+    for _ in range(times):
+        for link in LINKS:
+            pulse = still[:1].clone()
+            pulse[:, :, network.groups[link].span] = PULSE
+            engine.run_network(network, pulse)
+            left = (PAUSE if link == LINKS[-1] else round(1000 * gap)) - 1
+            for start in range(0, left, REST):
+                engine.run_network(network, still[: min(REST, left - start)])
+    return {link: evoked(network, link).double().numpy() for link in LINKS[:-1]}
 
 
 def late(course: Course) -> np.ndarray:
@@ -74,6 +99,21 @@ def _table(courses: Courses) -> str:
                 )
             )
     return table((*head, *synapses), rows)
+
+
+def _gaps_table(answers: dict[float, dict[str, np.ndarray]]) -> str:
+    """What moved how far, by the time from link to link."""
+    names = [link.removesuffix("_touch").replace("_", " ") for link in LINKS[:-1]]
+    head = ["s from link to link"]
+    for name in reversed(names):
+        head += [f"answer to the {name}, spikes [95 %]", "trials that have one"]
+    rows = []
+    for gap, found in answers.items():
+        row = [f"{gap:g}"]
+        for link in reversed(LINKS[:-1]):
+            row += [interval(found[link], 2), f"{(found[link] > ANSWERS).sum()} of {len(found[link])}"]
+        rows.append(row)
+    return table(head, rows)
 
 
 def _figure(courses: Courses) -> Figure:
