@@ -59,6 +59,7 @@ class _Bound:
     tables: Tables
     functions: Functions
     works: dict[int, deque[Work]] = field(default_factory=dict)
+    checked: list[Any] = field(default_factory=list)
     arrays: WeakKeyDictionary[nn.Module, tuple[list[Any], Any]] = field(default_factory=WeakKeyDictionary)
 
     def shared(self, module: nn.Module, holds: list[Any], make: Callable[[], Arrays]) -> Arrays:
@@ -172,8 +173,12 @@ class FusedEngine:
         """What the kernels know of a network."""
         if network.device.type != "cpu":
             raise ConfigError("engine", self.name, f"runs on device=cpu only, not on {network.device}")
-        check_compiled(self.name, *network.modules())
         known, described = self._bound.get(network), describe(network)
+        parts = list(network.modules())
+        # a method that is replaced is one entry more
+        checked = [*parts, *map(type, parts), *(len(vars(part)) for part in parts)]
+        if known is None or known.checked != checked:
+            check_compiled(self.name, *parts)
         # new tables where the network was moved or cast, or anything of it exchanged
         if known is None or known.synapses is not network.synapses or known.described != described:
             same = known is not None and known.synapses is network.synapses
@@ -181,6 +186,7 @@ class FusedEngine:
             made = tables(network, found, LANES)
             _note(made[1])
             known = self._bound[network] = _Bound(network.synapses, found, described, *made)
+        known.checked = checked
         return known
 
     @staticmethod
