@@ -59,7 +59,7 @@ class CompiledWorld:
 
     def sense(self) -> Tensor:
         """`World.sense`: the range sensors from where the robots are now, float64 [B, R, 2] (left, right)."""
-        values = np.zeros((len(self._trials), len(self._sensors), 2))
+        values = np.empty((len(self._trials), len(self._sensors), 2))
         self._sense(self._arrays, self._sensors, values)
         return torch.from_numpy(values)
 
@@ -88,8 +88,7 @@ def step_trials(world, seed, trials, wheels, time, felt, counts, touched, taken,
 
 
 def sense_trials(world, sensors, values):
-    """The range sensors of all trials, into zeros."""
+    """The range sensors of all trials."""
     for trial in range(values.shape[0]):
         for sensor in range(len(sensors)):
-            eye, sensed = sense(world, trial, sensors[sensor])
-            values[trial, sensor, eye] = sensed
+            values[trial, sensor, 0], values[trial, sensor, 1] = sense(world, trial, sensors[sensor])
