@@ -220,6 +220,7 @@ class CodingConfig:
     tick: int = key("between two actions of the body", "ms", least=1, most=10_000)
     range_mean: float = key("Poisson mean of the pulse of a range sensor that answers with 1", above=0.0, most=600.0)
     range_gain: float = key("of range pulses", "current", least=0.0)
+    range_current: float = key("in every ms, of a range sensor that answers with 1", "current", 0.0, least=0.0)
     touch_mean: float = key("Poisson mean of a touch sensor's pulse", above=0.0, most=600.0)
     touch_gain: float = key("of touch pulses", "current", least=0.0)
     gain_acts_on: str = key(
@@ -233,6 +234,11 @@ class CodingConfig:
         "whether exploring neurons get a new current in every ms of a tick, or keep one",
         default="each_ms",
         choices=("each_ms", "each_tick"),
+    )
+    wheels: str = key(
+        "whether the motor with more spikes has the fast wheel, or each is as fast as its share of the spikes",
+        default="winner",
+        choices=("winner", "share"),
     )
     slow: float = key("speed of the slow wheel", "cm/s", least=0.0)
     fast: float = key("speed of the fast wheel", "cm/s", above=0.0)
@@ -248,6 +254,11 @@ class SensorConfig:
     reach: float = key("how far it sees", "cm", above=0.0)
     measured_to: str = key("of an object", default="border", choices=("border", "centre"))
     sees: list[str] = key("kinds of objects; empty for the one of its own name", default=list)
+    answers: str = key(
+        "whether of left and right only the one with the nearer object answers, or both",
+        default="nearer",
+        choices=("nearer", "both"),
+    )
 
 
 @dataclass

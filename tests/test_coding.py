@@ -56,6 +56,18 @@ def test_wheel_speeds_are_winner_takes_all(left: int, right: int, speeds: list[f
     assert simulation.situation.coding.decode(simulation.network)[0].tolist() == pytest.approx(speeds, abs=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("left", "right", "lead"), [(0, 0, 0.0), (9, 9, 0.0), (1, 0, 1.0), (0, 7, -1.0), (30, 10, 0.5), (1, 4, -0.6)]
+)
+def test_without_a_winner_wheels_go_by_the_motors_shares(left: int, right: int, lead: float) -> None:
+    simulation = food_only(1, "coding.wheels=share")
+    names = list(simulation.network.groups)
+    simulation.network.spike_count[0, names.index("left_motor")] += left
+    simulation.network.spike_count[0, names.index("right_motor")] += right
+    found = simulation.situation.coding.decode(simulation.network)[0].tolist()
+    assert found == pytest.approx([28.1 + 3.1 * lead, 28.1 - 3.1 * lead], abs=1e-12)
+
+
 def test_only_spikes_since_the_last_tick_count() -> None:
     simulation = food_only(2)
     names = list(simulation.network.groups)
@@ -113,6 +125,14 @@ def test_a_range_pulse_is_the_poisson_count_of_its_neuron_times_the_gain() -> No
     means = torch.tensor([9.0, 30.0, 0.3], dtype=torch.float64)
     expected = 1.75 * poisson_of_means(bits, means, 30.0).double()
     assert torch.equal(current[0, :, span(simulation, "right_food")], expected)
+
+
+def test_a_range_sensors_current_is_the_same_in_every_ms_and_for_every_neuron() -> None:
+    simulation = food_only(2, "coding.range_current=8", "coding.range_gain=0")
+    current = currents(simulation, [[0.25, 0.0], [0.5, 1.0]])
+    for trial, values in enumerate([[2.0, 0.0], [4.0, 8.0]]):
+        for group, value in zip(("left_food", "right_food"), values, strict=True):
+            assert current[:, trial, span(simulation, group)].unique().tolist() == [value]
 
 
 def test_a_touch_pulse_lasts_1_ms_and_drives_only_the_trial_that_touched() -> None:
@@ -212,12 +232,16 @@ def test_exploration_that_is_held_is_one_count_a_neuron_and_tick() -> None:
     assert float(counts.var()) == pytest.approx(2.35, rel=0.2)
 
 
+WITHOUT_WINNERS = ("coding.wheels=share", "world.ranges.food.answers=both", "coding.range_current=6")
+
+
 @pytest.mark.parametrize("tick", [70, 130])
-def test_engines_agree_on_a_tick_with_every_kind_of_current(tick: int) -> None:
+@pytest.mark.parametrize("options", [(), WITHOUT_WINNERS])
+def test_engines_agree_on_a_tick_with_every_kind_of_current(tick: int, options: tuple[str, ...]) -> None:
     """Food on either side, in touch and out of sight; a tick longer than a block of the fused engine too."""
     states, rasters = [], []
     for engine in ENGINES:
-        simulation = food_only(5, f"coding.tick={tick}", "seed=2")
+        simulation = food_only(5, f"coding.tick={tick}", "seed=2", *options)
         far = [[20.0, 80.0]] * 19
         for trial, item in enumerate(([60.0, 52.0], [60.0, 45.0], [53.0, 50.0], [30.0, 50.0], [75.0, 50.0])):
             place(simulation.situation.world, (50.0, 50.0), 0.0, [item, *far], trial=trial)

@@ -135,6 +135,12 @@ def free_readings() -> None:
     closed_loop(simulation(*FOOD_ONLY, *groups, *options, "dtype=float64"), 2)
 
 
+def without_winners() -> None:
+    """Both eyes answer, by constant currents too, and wheels go by the motors' shares."""
+    options = ("coding.wheels=share", "world.ranges.food.answers=both", "coding.range_current=6")
+    closed_loop(simulation(*FOOD_ONLY, *options, "dtype=float64"), 3)
+
+
 def delays_and_loops() -> None:
     open_loop(third_network(3, 2, torch.float64), 100, 9.0, 0.0)
 
@@ -225,7 +231,7 @@ def network_with_a_rule(rule: Callable[..., Tensor]) -> tuple[Network, Tensor]:
 
 
 CASES = (
-    *(food_only, food_only_in_float32, poison, food_container, free_readings),
+    *(food_only, food_only_in_float32, poison, food_container, free_readings, without_winners),
     *(delays_and_loops, soft, approaching, depresses),
     *(turns, without_modulators, watched, refusals),
 )

@@ -251,6 +251,7 @@ def test_a_single_environment_goes_on_to_the_next_trial() -> None:
     ("experiment", "trials", "overrides"),
     [
         ("food_attraction", 7, []),
+        ("food_attraction", 6, ["world.ranges.food.answers=both"]),
         ("food_poison", 5, ["world.kinds.food.poison_from=50"]),
         ("dual_learning", 13, ["world.ranges.food.measured_to=border"]),
     ],

@@ -146,9 +146,11 @@ def seen(
     position: tuple[float, float] = (50.0, 50.0),
     to_border: bool = True,
     side: float = 100.0,
+    answers: str = "nearer",
 ) -> list[float]:
     """What the left and the right food sensor see of free items."""
     world = make_world(free_items=len(items), side=side, to_border=to_border)
+    world.config.ranges["food"].answers = answers
     place(world, position, heading, items)
     return world.sense()["food"][0].tolist()
 
@@ -191,6 +193,16 @@ def test_each_eye_sees_from_straight_ahead_to_90_degrees_on_its_side(angle: floa
         for turned in (40.0, 200.0, 355.0):
             found = seen([at(angle + turned, 10.0)], math.radians(turned))
             assert found == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize(("left", "right"), [(10.0, 12.0), (12.0, 10.0)])
+def test_the_eye_with_the_nearer_object_answers_or_both_do(left: float, right: float) -> None:
+    """Each of them with its nearest one."""
+    values = [1 - (distance - 2.4) / 30 for distance in (left, right)]
+    items = [at(angle, way) for angle, way in ((45, 20.0), (45, left), (-45, right), (-45, 20.0), (135, 5.0))]
+    assert seen(items) == pytest.approx([value * (value == max(values)) for value in values], abs=1e-12)
+    assert seen(items, answers="both") == pytest.approx(values, abs=1e-12)
+    assert seen(items[3:], answers="both") == pytest.approx([0.0, 1 - 17.6 / 30], abs=1e-12)
 
 
 @pytest.mark.parametrize(

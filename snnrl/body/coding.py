@@ -19,12 +19,18 @@ def lead_of(left: Tensor, right: Tensor) -> Tensor:
     return torch.where(left > right, 1.0, torch.where(left < right, -1.0, 0.0))
 
 
+def share_of(left: Tensor, right: Tensor) -> Tensor:
+    """The same without a winner: by how much the left motor's share of all spikes is the larger one, from -1 to 1."""
+    spikes = left + right
+    return (left - right) / torch.where(spikes > 0, spikes, 1)
+
+
 def wheel_speeds(lead: Tensor, slow: float, fast: float) -> tuple[Tensor, Tensor]:
     """Speeds of the left and the right wheel (cm/s).
 
     Args:
         lead: 1 where the left wheel is the fast one (a turn to the right), -1 where the right one is,
-            0 for straight ahead at the speed between.
+            0 for straight ahead at the speed between; or anything between these.
     """
     middle, half = 0.5 * (fast + slow), 0.5 * (fast - slow)
     return middle + half * lead, middle - half * lead
@@ -34,7 +40,8 @@ class Coding(nn.Module):
     """Encodes what the robot senses, explores, and decodes its wheel speeds.
 
     A range pulse is given at every tick for 1 ms, gain * Poisson(mean * the sensor's value), drawn per neuron; a touch
-    pulse at the tick of contact (thesis 3.5). The gain may be one of the mean instead of the counts. One motor, drawn
+    pulse at the tick of contact (thesis 3.5). The gain may be one of the mean instead of the counts. Besides, or
+    instead, a range sensor may give a constant current in every ms, in proportion to its value. One motor, drawn
     for each tick, gets a current of gain * Poisson(mean) in every ms: exploration (thesis 3.11). It is drawn per
     neuron, for every ms or once for all of a tick.
 
@@ -76,9 +83,9 @@ class Coding(nn.Module):
     def decode(self, network: Network) -> Tensor:
         """Wheel speeds (cm/s), float64 [B, 2] left and right, from the spikes since the last call."""
         count = torch.stack([network.spike_count[:, k] for k in self.motor_groups], 1)
-        left, right = (count - self.decoded).unbind(1)
+        left, right = (count - self.decoded).double().unbind(1)
         self.decoded.copy_(count)
-        lead = lead_of(left, right).double()
+        lead = share_of(left, right) if self.config.wheels == "share" else lead_of(left, right).double()
         return torch.stack(wheel_speeds(lead, self.config.slow, self.config.fast), 1)
 
     def encode(self, network: Network, values: Mapping[str, Tensor], touched: Mapping[str, Tensor]) -> Tensor:
@@ -97,6 +104,8 @@ class Coding(nn.Module):
                 bits = draws.bits(stream("range", group), now, network.groups[group].size)[0]
                 pulse = poisson_of_means(bits, self.range_mean * value, self.range_mean).to(dtype)
                 current[0, :, network.groups[group].span] += self.range_gain * pulse
+                if config.range_current:
+                    current[:, :, network.groups[group].span] += (config.range_current * value).to(dtype)[:, None]
         for name, group in config.touches.items():
             bits = draws.bits(stream("touch", group), now, network.groups[group].size)[0]
             pulse = (poisson(bits, self.touch_thresholds) * touched[name][:, None]).to(dtype)

@@ -1,7 +1,7 @@
 """Range sensors: a left and a right eye, each seeing from straight ahead to 90 degrees on its side (thesis 3.2).
 
-Each eye sees only its nearest object, and only the eye with the larger value answers; so what is sensed is the nearest
-of all objects ahead. Straight ahead is seen by the left eye. Pure elementwise functions of numbers.
+Each eye sees only its nearest object, and either both answer or only the eye with the larger value: what is then sensed
+is the nearest of all objects ahead. Straight ahead is seen by the left eye. Pure elementwise functions of numbers.
 """
 
 from __future__ import annotations

@@ -248,10 +248,13 @@ class World(nn.Module):
         seen = torch.tensor([name in sees for name in kinds.names], device=dx.device)[kinds.kind]
         visible = ahead & seen & ~self.absent[:, kinds.kind] & (kinds.home == self._place()[:, None])
         inner = kinds.radius[kinds.kind] * float(sensor.measured_to == "border")
-        distance, which = torch.where(visible, distance_to(dx, dy, inner), torch.inf).min(1)
-        value = range_value(distance, sensor.reach)
-        left = leftward.gather(1, which[:, None])[:, 0]
-        return torch.stack([value * left, value * ~left], 1)
+        distance = torch.where(visible, distance_to(dx, dy, inner), torch.inf)
+        sides = torch.stack([leftward, ~leftward], 2)
+        value = range_value(torch.where(sides, distance[..., None], torch.inf).amin(1), sensor.reach)
+        if sensor.answers == "both":
+            return value
+        nearest = distance.min(1).indices
+        return value * sides.take_along_dim(nearest[:, None, None], 1)[:, 0]
 
     def nearest_item(self) -> Tensor:
         """Distance from the robot to the centre of the nearest thing to take, sensed or not (cm), [B]; inf of none."""

@@ -21,8 +21,7 @@ def begin_tick(t, s, w, world, coding, trial, now):
     left, right = decode(s.spike_count, coding, trial)
     step_world(world, t.seed, number, trial, left, right, now, w.touched)
     for r in range(coding.ranges.shape[0]):
-        eye, value = sense(world, trial, r)
-        w.eye[r], w.seen[r] = eye, value
+        w.seen[r, 0], w.seen[r, 1] = sense(world, trial, r)
     w.motor[0] = 1 if uniform(t.seed, coding.side_stream, number, now, 0) >= 0.5 else 0
     w.sign[0] = world.sign[trial]  # as a real number
 
@@ -34,13 +33,16 @@ def inject(t, w, coding, trial, now, first, largest):
         g = t.group_of[n]
         index = n - t.groups[g, START]
         w.injected[n] = 0.0
+        for r in range(coding.ranges.shape[0]):
+            for eye in range(2):
+                value = w.seen[r, eye]
+                if coding.ranges[r, eye] == g and value > 0.0:
+                    if now == first:
+                        draw = bits(t.seed, coding.range_streams[r, eye], number, now, index)
+                        count = poisson_of_mean(draw * UNIT, coding.range_mean * value, largest)
+                        w.injected[n] += coding.range_gain * real(count)
+                    w.injected[n] += real(coding.range_current * value)
         if now == first:
-            for r in range(coding.ranges.shape[0]):
-                eye = w.eye[r]
-                if coding.ranges[r, eye] == g and w.seen[r] > 0.0:
-                    draw = bits(t.seed, coding.range_streams[r, eye], number, now, index)
-                    count = poisson_of_mean(draw * UNIT, coding.range_mean * w.seen[r], largest)
-                    w.injected[n] += coding.range_gain * real(count)
             for kind in range(coding.touches.shape[0]):
                 if coding.touches[kind] == g and w.touched[kind] > 0:
                     draw = bits(t.seed, coding.touch_streams[kind], number, now, index)

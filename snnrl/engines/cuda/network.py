@@ -44,7 +44,6 @@ def begin(t, s, scratch, memory, trial, lane, lanes):
         s.rate[trial],
         s.released[trial],
         scratch.touched[trial],
-        scratch.eye[trial],
         scratch.seen[trial],
         scratch.motor[trial],
         scratch.sign[trial],

@@ -59,8 +59,7 @@ class Work(NamedTuple):
     rate: Any
     released: Any
     touched: Any  # int64 [K], how often each kind of object was touched in this tick
-    eye: Any  # int64 [range sensors], which eye answers
-    seen: Any  # float64 [range sensors], and with what
+    seen: Any  # float64 [range sensors, 2], with what left and right answer
     motor: Any  # int64 [1], the group that explores
     sign: Any  # real [1], of releases
 
@@ -77,7 +76,6 @@ class Scratch(NamedTuple):
     signal: Any
     partial: Any
     touched: Any
-    eye: Any
     seen: Any
     motor: Any
     sign: Any
@@ -125,8 +123,7 @@ def scratch_for(network: Network, tables: Tables, memory: int, lanes: int, kinds
         signal=room(len(tables.signals), network.dtype),
         partial=room(lanes, torch.float64),
         touched=room(kinds, torch.int64),
-        eye=room(sensors, torch.int64),
-        seen=room(sensors, torch.float64),
+        seen=room(2 * sensors, torch.float64).view(network.trials, sensors, 2),
         motor=room(1, torch.int64),
         sign=room(1, network.dtype),
     )

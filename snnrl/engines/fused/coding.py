@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from torch import Tensor
 
-from snnrl.body.coding import Coding, lead_of, wheel_speeds
+from snnrl.body.coding import Coding, lead_of, share_of, wheel_speeds
 from snnrl.body.world import World
 from snnrl.engines.fused.draws import UNIT, fill_bits, fill_counts, uniform
 from snnrl.engines.fused.network import load_trial, run_block, store_trial
@@ -24,6 +24,7 @@ class CodingArrays(NamedTuple):
     """A coding as arrays that share memory with its tensors. R range sensors of the world, K of its kinds."""
 
     decoded: Any
+    shares: Any  # whether wheels go by the motors' shares of the spikes
     slow: Any
     fast: Any
     tick: Any
@@ -36,6 +37,7 @@ class CodingArrays(NamedTuple):
     side_stream: Any
     range_mean: Any
     range_gain: Any  # real
+    range_current: Any
     touch_gain: Any  # real
     touch_thresholds: Any
     exploration_thresholds: Any
@@ -53,6 +55,7 @@ def coding_arrays(
     real = real_of(network)
     return CodingArrays(
         share(coding.decoded),
+        config.wheels == "share",
         config.slow,
         config.fast,
         coding.tick,
@@ -65,6 +68,7 @@ def coding_arrays(
         stream("exploring side"),
         coding.range_mean,
         real(coding.range_gain),
+        config.range_current,
         real(coding.touch_gain),
         coding.touch_thresholds.cpu().numpy(),
         coding.exploration_thresholds.cpu().numpy(),
@@ -77,7 +81,8 @@ def decode(spike_count, coding, trial):
     """Wheel speeds from the spikes since the last call."""
     left = spike_count[trial, coding.motors[0]]
     right = spike_count[trial, coding.motors[1]]
-    lead = lead_of(left - coding.decoded[trial, 0], right - coding.decoded[trial, 1])
+    new_left, new_right = left - coding.decoded[trial, 0], right - coding.decoded[trial, 1]
+    lead = share_of(new_left, new_right) if coding.shares else lead_of(new_left, new_right)
     coding.decoded[trial, 0], coding.decoded[trial, 1] = left, right
     return wheel_speeds(lead, coding.slow, coding.fast)
 
@@ -92,10 +97,15 @@ def pulse(t, w, trial, group, stream, time, thresholds, gain):
         w.injected[t.groups[group, PLACE] + i] += gain * count
 
 
-def clear(t, w, ticks, group):
-    """No current but in the first row for the blocks that a group is in."""
+def blocks_of(t, group):
+    """The blocks of neurons that a group is in, from one up to another."""
+    first, size = t.groups[group, PLACE], t.groups[group, SIZE]
+    return first // LANES, (first + size - 1) // LANES + 1
+
+
+def clear(t, w, ticks, first, last):
+    """No current but in the first row for some blocks."""
     nothing = load(w.injected, 0) * 0.0
-    first, last = t.groups[group, PLACE] // LANES, (t.groups[group, PLACE] + t.groups[group, SIZE] - 1) // LANES + 1
     for k in range(1, ticks):
         for block in range(first, last):
             store(w.injected, k * t.places + block * LANES, nothing)
@@ -115,30 +125,44 @@ def explore(t, w, coding, number, group, stream, time):
             w.injected[k * t.places + i] = w.injected[i]
 
 
+def answer(t, w, coding, number, group, stream, time, value, table):
+    """A range sensor's current: a pulse in the first row, and the same in every row."""
+    mean, size, place = coding.range_mean * value, t.groups[group, SIZE], t.groups[group, PLACE]
+    poisson_table(mean, table)
+    fill_bits(w.drawn, size, t.seed, stream, number, time)
+    for i in range(size):
+        w.injected[place + i] += coding.range_gain * look_up(table, w.drawn[i] * UNIT, mean)
+    for k in range(coding.tick if coding.range_current > 0.0 else 0):
+        for i in range(k * t.places + place, k * t.places + place + size):
+            w.injected[i] += coding.range_current * value
+
+
 def encode(t, w, world, coding, trial, time, touched, table):
-    """The tick's injected current; returns the motor that explores."""
+    """The tick's injected current; returns the blocks that it drives in more than the first ms."""
     number = t.trials[trial]
     w.injected[: t.places] = 0.0
     motor = 1 if uniform(t.seed, coding.side_stream, number, time, 0) >= 0.5 else 0
     group, other = coding.motors[motor], coding.motors[1 - motor]
-    clear(t, w, coding.tick, other)
+    driven = blocks_of(t, group)
+    if coding.range_current > 0.0:
+        driven = 0, t.places // LANES
+        clear(t, w, coding.tick, driven[0], driven[1])
+    else:
+        first, last = blocks_of(t, other)
+        clear(t, w, coding.tick, first, last)
     explore(t, w, coding, number, group, coding.exploration_streams[motor], time)
     for r in range(len(coding.ranges)):
-        eye, value = sense(world, trial, r)
-        if value > 0.0:
-            group, stream = coding.ranges[r, eye], coding.range_streams[r, eye]
-            mean = coding.range_mean * value
-            poisson_table(mean, table)
-            fill_bits(w.drawn, t.groups[group, SIZE], t.seed, stream, number, time)
-            for i in range(t.groups[group, SIZE]):
-                count = look_up(table, w.drawn[i] * UNIT, mean)
-                w.injected[t.groups[group, PLACE] + i] += coding.range_gain * count
+        left, right = sense(world, trial, r)
+        for eye, value in ((0, left), (1, right)):
+            if value > 0.0:
+                group, stream = coding.ranges[r, eye], coding.range_streams[r, eye]
+                answer(t, w, coding, number, group, stream, time, value, table)
     for kind in range(len(coding.touches)):
         group = coding.touches[kind]
         if group >= 0 and touched[kind]:
             stream = coding.touch_streams[kind]
             pulse(t, w, trial, group, stream, time, coding.touch_thresholds, coding.touch_gain)
-    return motor
+    return driven
 
 
 def run_robot(t, s, w, world, coding, table, touched, sign, low, high, time, ticks, raster, reward):
@@ -152,9 +176,7 @@ def run_robot(t, s, w, world, coding, table, touched, sign, low, high, time, tic
             now = time + k * coding.tick
             left, right = decode(s.spike_count, coding, trial)
             step_world(world, t.seed, t.trials[trial], trial, left, right, now, touched)
-            motor = coding.motors[encode(t, w, world, coding, trial, now, touched, table)]
-            first, size = t.groups[motor, PLACE], t.groups[motor, SIZE]
-            drives = first // LANES, (first + size - 1) // LANES + 1
+            drives = encode(t, w, world, coding, trial, now, touched, table)
             sign[0] = world.sign[trial]  # as a real number
             for at in range(0, coding.tick, t.longest):
                 steps = min(t.longest, coding.tick - at)

@@ -90,13 +90,13 @@ def step_trials(world, seed, trials, wheels, time, sensors, felt, counts, senses
 
 
 def sense_trials(world, sensors, senses):
-    """The range sensors of all trials, into zeros."""
+    """The range sensors of all trials."""
     for trial in range(len(senses)):
         sense_all(world, trial, sensors, senses)
 
 
 def sense_all(world, trial, sensors, senses):
-    """The range sensors of one trial, into zeros."""
+    """The range sensors of one trial."""
     for sensor in range(len(sensors)):
-        eye, sensed = sense(world, trial, sensors[sensor])
-        senses[trial, 2 * sensor + eye] = sensed
+        left, right = sense(world, trial, sensors[sensor])
+        senses[trial, 2 * sensor], senses[trial, 2 * sensor + 1] = left, right

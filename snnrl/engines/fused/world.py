@@ -60,6 +60,7 @@ class WorldArrays(NamedTuple):
     stays: Any  # whether the robot stays in the object it is in, though the centre of another be nearer
     reach: Any  # float64 [R]
     to_border: Any  # float64 [R], 1 or 0
+    both: Any  # bool [R], whether both eyes answer
     sees: Any  # bool [R, K]
 
 
@@ -90,6 +91,7 @@ def world_arrays(world: World, share: Callable[[Tensor], Any] = Tensor.numpy) ->
         stays=config.overlap == "stays",
         reach=np.array([sensor.reach for sensor in sensors]),
         to_border=np.array([float(sensor.measured_to == "border") for sensor in sensors]),
+        both=np.array([sensor.answers == "both" for sensor in sensors], bool),
         sees=np.array(sees, bool).reshape(-1, len(kinds.names)),
     )
 
@@ -217,10 +219,10 @@ def step_world(world, seed, number, trial, left, right, time, touched):
 
 
 def sense(world, trial, r):
-    """Which eye of range sensor r answers (0 left, 1 right), and its value."""
+    """Values of the left and the right eye of range sensor r."""
     heading = world.heading[trial]
     along, across, place = cos(heading), sin(heading), place_of(world, trial)
-    nearest, eye = np.inf, 0
+    left, right = np.inf, np.inf
     for m in range(world.kind.shape[0]):
         k = world.kind[m]
         if not world.sees[r, k] or world.home[m] != place or world.absent[trial, k]:
@@ -232,6 +234,10 @@ def sense(world, trial, r):
             continue
         ahead, leftward = faces(dx, dy, along, across)
         distance = distance_to(dx, dy, inner)
-        if ahead and distance < nearest:
-            nearest, eye = distance, 0 if leftward else 1
-    return eye, range_value(nearest, world.reach[r])
+        if not ahead or distance >= (left if leftward else right):
+            continue
+        if world.both[r]:
+            left, right = (distance, right) if leftward else (left, distance)
+        elif distance < min(left, right):
+            left, right = (distance, np.inf) if leftward else (np.inf, distance)
+    return range_value(left, world.reach[r]), range_value(right, world.reach[r])
