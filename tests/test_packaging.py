@@ -24,6 +24,7 @@ def test_the_wheel_carries_the_configuration_and_runs_from_any_folder(tmp_path: 
     packed = {path.name for path in (tmp_path / "installed" / "snnrl" / "conf" / "experiment").iterdir()}
     assert packed == {path.name for path in (ROOT / "conf" / "experiment").iterdir()}
     assert (tmp_path / "installed" / "snnrl" / "py.typed").is_file()
+    assert (tmp_path / "installed" / "hydra_plugins" / "snnrl_dask.py").is_file()
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     run = [sys.executable, "-P", "-m", "snnrl.run", "+experiment=dual_learning", "trials=1", "seconds=0.7"]
