@@ -88,9 +88,9 @@ def test_what_is_there_is_changed_by_a_table_too() -> None:
         (
             "network=3",
             "network=3: must be one of avoidance, chain, food_container, food_only, food_poison, food_taxis_given, "
-            "izhikevich_2007, predicting; ~network leaves it out",
+            "in_network, izhikevich_2007, predicting; ~network leaves it out",
         ),
-        ("robot=null", "robot=None: must be one of benchmark"),
+        ("robot=null", "robot=None: must be one of background, benchmark"),
         ("+world=food_only", "world: is chosen already; to choose another write world=NAME"),
         ("+trials=3", "+trials: is there already, write trials=VALUE"),
         ("~nothing", "~nothing: there is no such key"),
@@ -153,7 +153,7 @@ FILES = [  # what an experiment's file has after its first lines, and what is sa
         *FILES,
         ("hydra: {odd: 3}\n", "{name}: hydra.odd=3: no such key; allowed here: defaults, mode"),
         ("defaults: 3\n", "{name}: cannot be read (Invalid defaults list in 'experiment/own'"),
-        ("defaults: [{override /robot: odd}]\n", "robot=odd: must be one of benchmark"),
+        ("defaults: [{override /robot: odd}]\n", "robot=odd: must be one of background, benchmark"),
         ("defaults: [{/odd: own}]\n", "In 'experiment/own': Could not find 'odd/own'"),
     ],
 )

@@ -91,7 +91,7 @@ def test_multirun_makes_a_folder_a_job(tmp_path: Path) -> None:
         (["+experiment=odd"], "experiment=odd: must be one of "),
         (
             ["+experiment=food_attraction", "robot=odd"],
-            "robot=odd: must be one of benchmark, container",
+            "robot=odd: must be one of background, benchmark, container",
         ),
         (["+experiment=food_attraction", "robot=benchmark"], "robot=benchmark: must be one of learning, random_walk"),
         (["+experiment=food_attraction", "trails=3"], "trails=3: no such key; allowed here: experiment, robot"),

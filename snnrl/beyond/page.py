@@ -23,6 +23,12 @@ COLOURS = {
     "no_pain": ROBOTS["no_hunger"],
     "no_moving_dopamine": ROBOTS["no_container_dopamine"],
     "fixed_dopamine": ROBOTS["fixed_container_dopamine"],
+    "phasic": ROBOTS["container_dopamine_learning"],
+    "no_rhythm": ROBOTS["positive_baseline"],
+    "winner": ROBOTS["fixed_container_dopamine"],
+    "no_rivalry": ROBOTS["no_container_dopamine"],
+    "background": ROBOTS["benchmark"],
+    "in_network": ROBOTS["learning"],
 }
 BEGIN, END = "<!-- begin table -->\n", "<!-- end table -->\n"
 
