@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import avoidance, chain, changing_world, extinction, regimes
+from snnrl.beyond import avoidance, chain, changing_world, credit, extinction, regimes
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
@@ -28,6 +28,7 @@ EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
     "extinction": extinction.make,
     "regimes": regimes.make,
     "avoidance": avoidance.make,
+    "credit": credit.make,
 }
 
 
