@@ -17,7 +17,7 @@ from snnrl.recording.kept import Kept
 from snnrl.recording.logger import About, Logger
 from snnrl.recording.monitors import Monitor
 from snnrl.recording.probes import Moment, Probe, counts, followed
-from snnrl.recording.shown import ALARMS, by_role, charts, histograms, means, spread
+from snnrl.recording.shown import ALARMS, charts, histograms, means, roles, spread
 from snnrl.schema import RecordConfig
 from snnrl.simulation import Simulation
 
@@ -54,8 +54,8 @@ class Recorder:
         self._samples = {key: list(values.numpy()) for key, values in part.get("samples", {}).items()}
         self._before = part.get("before", counts(simulation))
         self._apart = max(1, round(config.alarms.synchronised_over / (POINTS * config.every)))  # samples
-        roles = [projection.role for projection in self.followed]
-        self.alarms = Alarms(config.alarms, simulation, roles, part.get("alarms")) if kept.watched else None
+        watched = [projection.role for projection in self.followed]
+        self.alarms = Alarms(config.alarms, simulation, watched, part.get("alarms")) if kept.watched else None
         self.film = Film(simulation.network, simulation.tick, part.get("film"))
         for monitor in monitors if state else ():
             monitor.load_state_dict(part["monitors"][monitor.name])
@@ -130,7 +130,8 @@ class Recorder:
                 latest = self._samples[probe.name][-1] if probe.series else probe.read(moment).cpu().numpy()
                 values |= means(tags, latest)
                 values |= spread(probe.tag, latest) if probe.spread else {}
-        for tag, weight in by_role(self.followed, self._samples["weight"][-1]).items() if self.followed else ():
+        for tag, places in roles(self.followed).items():
+            weight = self._samples["weight"][-1][:, places].mean(1)
             values |= {tag: float(weight.mean()), **spread(tag, weight)}
         alarms = {} if self.alarms is None else self.alarms.counts()
         return values | {f"{ALARMS}/{kind}": count for kind, count in alarms.items()}

@@ -21,12 +21,12 @@ WITHOUT_EFFECT = ("threads", "record.", "checkpoint.")
 ALWAYS = ("seed", "trials", "seconds", "network.synaptic_gain", "network.plasticity.", "network.dopamine.")
 
 
-def by_role(followed: Sequence[Projection], weight: np.ndarray) -> dict[str, np.ndarray]:
-    """By the tag of each role, the mean of its projections' mean weights [B, P] (mV), [B] each."""
-    roles: dict[str, list[int]] = {}
+def roles(followed: Sequence[Projection]) -> dict[str, list[int]]:
+    """By the tag of each role, the places of its projections."""
+    found: dict[str, list[int]] = {}
     for place, projection in enumerate(followed):
-        roles.setdefault(projection.role, []).append(place)
-    return {f"{OF_ROLE}/{readable(role)}": weight[:, places].mean(1) for role, places in roles.items()}
+        found.setdefault(f"{OF_ROLE}/{readable(projection.role)}", []).append(place)
+    return found
 
 
 def means(tags: Sequence[str], values: np.ndarray) -> dict[str, float]:
@@ -65,7 +65,7 @@ def charts(
     """A category for each taxis, its attraction against its avoidance, and one for what is spread over trials."""
     found = _taxes(followed)
     spreading = [tag for probe in probes if probe.spread for tag in probe.tags(simulation)]
-    spreading += by_role(followed, np.zeros((1, len(followed))))
+    spreading += roles(followed)
     if simulation.trials > 1 and spreading:
         bands = [Chart(f"{tag}: median, 10 to 90 % of trials", quantile_tags(tag), band=True) for tag in spreading]
         found[SPREAD] = bands
@@ -73,11 +73,11 @@ def charts(
 
 
 def _taxes(followed: Sequence[Projection]) -> dict[str, list[Chart]]:
-    roles = {projection.role for projection in followed}
+    known = {projection.role for projection in followed}
     categories = {}
-    for taxis in sorted({role.removesuffix("_attraction") for role in roles if role.endswith("_attraction")}):
+    for taxis in sorted({role.removesuffix("_attraction") for role in known if role.endswith("_attraction")}):
         pair = [f"{taxis}_attraction", f"{taxis}_avoidance"]
-        if not roles.issuperset(pair):
+        if not known.issuperset(pair):
             continue
         title = f"{readable(taxis)}: attraction against avoidance, mean weight (mV)"
         found = [Chart(title, tuple(f"{OF_ROLE}/{readable(role)}" for role in pair))]
