@@ -6,7 +6,7 @@ import sys
 from importlib.util import find_spec
 
 EXTRAS = {  # what pyproject.toml installs for each, as it is imported
-    "dashboards": ("tensorboard", "PIL"),
+    "dashboards": ("tensorboard", "matplotlib", "PIL", "scipy"),
     "figures": ("matplotlib", "PIL", "scipy"),
     "statistics": ("scipy",),
     "environments": ("gymnasium",),

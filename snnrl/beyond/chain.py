@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from snnrl.beyond.course import Course, first_time, follow, interval
-from snnrl.beyond.page import Page, draw, table
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose_baselines
-from snnrl.drawing.style import figure
+from snnrl.drawing import style
+from snnrl.drawing.style import figure, legend, multiples, styled
 from snnrl.intervals import wilson
 
 INERT = "world.kinds.key.opens=[]"
@@ -40,7 +41,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
         courses[chain] = {
             agent: follow(agent, EVERY, options, *world, *(wired if agent == WIRED else ())) for agent in AGENTS
         }
-    return Page(_table(courses), _figure(courses))
+    return Page(_table(courses), figure_of(courses))
 
 
 def late(course: Course) -> np.ndarray:
@@ -76,13 +77,17 @@ def _table(courses: Courses) -> str:
     return table((*head, *synapses), rows)
 
 
-def _figure(courses: Courses) -> Figure:
-    """Food per s over time, a panel for each chain."""
-    drawn, axes = figure(1, len(courses), width=9.6, height=3.4, squeeze=False)
-    for axis, (chain, ran) in zip(axes[0], courses.items(), strict=True):
-        for agent, course in ran.items():
-            draw(axis, agent, course.time, course.rate("food"))
-        axis.set(title=chain, xlabel="time, s", xlim=(0, None), ylim=(0, None))
-    axes[0][0].set_ylabel("food, items/s")
-    drawn.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AGENTS))
+@styled
+def figure_of(courses: Courses) -> Figure:
+    """Food per s over time, a row for each chain and a panel for each agent."""
+    agents = len(next(iter(courses.values())))
+    drawn, axes = figure(len(courses), agents, width=9.6, height=5.6, sharex=True, sharey="row", squeeze=False)
+    for row, (chain, ran) in zip(axes, courses.items(), strict=True):
+        multiples(row, {agent: (course.time, course.rate("food")) for agent, course in ran.items()})
+        row[0].set(ylabel=f"{chain.capitalize()}\n{style.RATE}", xlim=(0, None), ylim=(0, None))
+    for axis in axes[1:].flat:
+        axis.set(title="")
+    for axis in axes[-1]:
+        axis.set(xlabel=style.TIME)
+    legend(drawn, loc="outside lower center", ncols=4)
     return drawn

@@ -142,18 +142,18 @@ class Recorder:
         """Show the first trial: where its robot has been, who has fired, its weights."""
         if self.board is None:
             return
-        from snnrl.drawing import snapshots  # of the extra `dashboards`
+        from snnrl.drawing import pictures  # of the extra `dashboards`
 
         network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
         shown = {
-            f"last {PATH // 1000} s in the arena": snapshots.arena(world, self.film.path.numpy(), int(network.time)),
-            "last spikes": snapshots.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
-            "weights": snapshots.weight_matrix(network, self.followed or list(network.projections.values())),
+            f"last {PATH // 1000} s in the arena": pictures.arena(world, self.film.path.numpy(), int(network.time)),
+            "last spikes": pictures.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
+            "weights": pictures.weight_matrix(network, self.followed or list(network.projections.values())),
         }
         for tag, drawn in shown.items():
             if drawn is not None:
                 trial = int(network.draws.trials[0])
-                self.board.picture(f"trial {trial}/{tag}", drawn, self._step)
+                self.board.picture(f"trial {trial}/{tag}", pictures.pixels(drawn), self._step)
 
     def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
         """Write the files of a complete run but its summary, and close the events; returns the results, and the alarms.
