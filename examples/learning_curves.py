@@ -23,11 +23,12 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 
 import snnrl.environments
-from snnrl.agents.baselines import COLOURS, collect
+from snnrl.agents.baselines import collect
 from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose, compose_baselines
-from snnrl.drawing.style import figure
-from snnrl.intervals import student, student_half
+from snnrl.drawing import palette, style
+from snnrl.drawing.style import band, figure, legend, spoken, styled
+from snnrl.intervals import student
 
 gymnasium.register_envs(snnrl.environments)
 
@@ -35,8 +36,7 @@ TASKS = {"food attraction": "food_attraction", "food in containers": "dual_learn
 AGENTS = ("spiking", "q_learning", "sarsa_lambda", "reinforce")
 WIRED = "braitenberg"  # what needs no learning, as the measure
 WORLDS = 50
-LIFE, MANY = "PPO, one life", f"PPO, {WORLDS} worlds at once"
-PPO_COLOURS = {LIFE: "#D55E00", MANY: "#56B4E9"}  # of Okabe and Ito, as the others
+LIFE, MANY = "PPO, one life", "PPO, many worlds"
 SPANS = 100  # into which a life is divided
 EPISODE = 140  # s, of one of many worlds
 
@@ -109,28 +109,22 @@ def table_of(found: dict[str, tuple[list[Curve], float]]) -> str:
             steps = f"{curve.steps * len(curve.rate):,.0f}"
             shares = f"{done} of {len(last)}"
             rate = f"{last.mean():.2f} [{low:.2f}, {high:.2f}]"
-            rows.append((task, name_of(curve.agent), str(len(last)), steps, rate, shares, middle))
+            rows.append((task, spoken(curve.agent), str(len(last)), steps, rate, shares, middle))
     return table(head, rows)
 
 
+@styled
 def figure_of(found: dict[str, tuple[list[Curve], float]]) -> Figure:
-    drawn, (axes,) = figure(1, len(found), width=9.6, height=3.8, squeeze=False)
+    drawn, (axes,) = figure(1, len(found), width=9.6, height=4.2, squeeze=False)
     for axis, (task, (each, wired)) in zip(axes, found.items(), strict=True):
         for curve in each:
-            colour = PPO_COLOURS.get(curve.agent) or COLOURS[curve.agent]
-            steps, mean = curve.steps * (np.arange(len(curve.rate)) + 0.5), curve.rate.mean(1)
-            axis.plot(steps, mean, color=colour, label=name_of(curve.agent))
-            half = student_half(curve.rate.std(1, ddof=1), curve.rate.shape[1])
-            axis.fill_between(steps, mean - half, mean + half, color=colour, alpha=0.2, linewidth=0)
-        axis.axhline(wired, color=COLOURS[WIRED], linestyle="--", label="wired by hand (Braitenberg)")
-        axis.set(title=task, xscale="log", xlabel="Environment steps of 70 ms, of all worlds (1)", ylim=(0, None))
-    axes[0].set_ylabel("Collection rate in each world (items/s)")
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+            steps = curve.steps * (np.arange(len(curve.rate)) + 0.5)
+            band(axis, steps, curve.rate, palette.of_robot(curve.agent), spoken(curve.agent))
+        axis.axhline(wired, color=palette.of_robot(WIRED), linestyle="--", label="wired by hand (Braitenberg)")
+        axis.set(title=task, xscale="log", xlabel="Steps of 70 ms, of all worlds (1)", ylim=(0, None))
+    axes[0].set_ylabel(style.RATE)
+    legend(drawn, loc="outside lower center", ncols=5)
     return drawn
-
-
-def name_of(agent: str) -> str:
-    return agent.replace("_", " ")
 
 
 def main(words: Sequence[str] | None = None) -> None:

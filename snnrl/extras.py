@@ -6,8 +6,8 @@ import sys
 from importlib.util import find_spec
 
 EXTRAS = {  # what pyproject.toml installs for each, as it is imported
-    "dashboards": ("tensorboard", "PIL"),
-    "mlflow": ("mlflow", "PIL"),
+    "dashboards": ("tensorboard", "matplotlib", "PIL", "scipy"),
+    "mlflow": ("mlflow", "matplotlib", "PIL", "scipy"),
     "figures": ("matplotlib", "PIL", "scipy"),
     "statistics": ("scipy",),
     "environments": ("gymnasium",),

@@ -4,80 +4,92 @@ matplotlib's axes.
     data = snnrl.load("runs/food_attraction/learning/DATE_TIME")
     snnrl.plot.learning_curve(data)
 
-All take `axis`, to draw on axes that are there; without, they make a figure. Bands are the 95 % interval of the mean
-over trials and, paler, their standard deviation.
+All take `axis`, to draw on axes that are there; without, they make a figure by pyplot, which a notebook shows. Bands
+are the 95 % interval of the mean over trials and, paler, their standard deviation. `save` writes a figure as PNG and
+SVG.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from matplotlib import pyplot
 from matplotlib.axes import Axes
-from matplotlib.ticker import MaxNLocator
+from matplotlib.figure import Figure
 
-from snnrl.drawing.palette import OTHER
-from snnrl.drawing.style import ROBOTS, band, figure, robot_name
+from snnrl.drawing import charts, style
+from snnrl.drawing.palette import CYCLE, of_robot
+from snnrl.drawing.style import legend, spoken, styled
 from snnrl.errors import ConfigError
 
 if TYPE_CHECKING:
     from xarray import DataArray, Dataset
 
-CYCLE = ("#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#8C6D1F", "#000000")  # of Okabe and Ito
+SYMBOLS = {"v": "Membrane potential", "u": "Recovery", "level": "Level"}  # of a monitor's quantities, in words
 
 
+@styled
 def learning_curve(data: Dataset, axis: Axes | None = None) -> Axes:
     """Items that a robot collects per s, in its colour.
 
     Args:
         data: of a robot's run; `collection_rate` along time and trial.
     """
-    axis, values = _axes(axis), _of(data, "collection_rate")
-    robot = str(data.attrs.get("robot", "learning"))
-    band(axis, data.time.values[1:], values[1:], ROBOTS.get(robot, OTHER), robot_name(robot))
-    axis.set(xlabel="Time (s)", ylabel="Collection rate (items/s)", ylim=(0, None))
-    axis.legend()
+    axis, values = _axes(axis), _variable(data, "collection_rate").transpose("time", "trial").values
+    robot, known = str(data.attrs.get("robot", "learning")), np.isfinite(values).all(1)
+    charts.learning_curve(axis, data.time.values[known], values[known], of_robot(robot), spoken(robot))
+    legend(axis)
     return axis
 
 
+@styled
 def rates(data: Dataset, groups: Sequence[str] | None = None, axis: Axes | None = None) -> Axes:
     """Firing rates of groups (all if None)."""
-    return _lines(data, "firing_rate", "group", groups, "Firing rate (Hz)", axis)
+    return _courses(data, "firing_rate", "group", groups, style.FIRING, axis)
 
 
+@styled
 def weights(data: Dataset, projections: Sequence[str] | None = None, axis: Axes | None = None) -> Axes:
     """Mean weights of projections with a role (all if None), absent synapses as zeros."""
-    return _lines(data, "weight", "projection", projections, "Mean weight (mV)", axis)
+    return _courses(data, "weight", "projection", projections, style.MEAN_WEIGHT, axis)
 
 
-def eligibility(data: Dataset, projections: Sequence[str] | None = None, axis: Axes | None = None) -> Axes:
-    """Mean eligibility of projections with a role (all if None); a tick below where the first trial took food."""
-    axis = _lines(data, "eligibility", "projection", projections, "Mean eligibility (mV/(µM ms))", axis)
-    if "collection_rate" in data:
-        taken = data.collection_rate.isel(trial=0).values > 0
-        axis.plot(data.time.values[taken], np.zeros(taken.sum()), "|", color="black", clip_on=False, label="food")
-        axis.lines[-1].set_transform(axis.get_xaxis_transform())
-        axis.legend()
-    return axis
-
-
-def weight_matrix(data: Dataset, projection: str, trial: int | None = None, axis: Axes | None = None) -> Axes:
-    """Every weight of a projection at the end, from presynaptic (across) to postsynaptic neurons; white: no synapse.
+@styled
+def eligibility(
+    data: Dataset, projections: Sequence[str] | None = None, trial: int | None = None, axis: Axes | None = None
+) -> Axes:
+    """Mean eligibility of projections with a role (all if None) in one trial, and when it took food.
 
     Args:
         trial: its number; None is the first.
     """
-    axis, kept = _axes(axis, 4.0), _variable(data, f"weight_{projection}")
-    chosen = kept.isel(trial=0) if trial is None else kept.sel(trial=trial)
-    drawn = axis.imshow(chosen.values.T, cmap="cividis", origin="lower", interpolation="nearest")
-    axis.figure.colorbar(drawn, ax=axis, label="Weight (mV)")
-    axis.grid(visible=False)
-    pre, post = (str(dim).rpartition("_")[0].replace("_", " ") for dim in chosen.dims)
-    axis.set(xlabel=f"Neuron of {pre}", ylabel=f"Neuron of {post}", title=f"trial {int(chosen.trial)}")
+    one = _trial(data, trial)
+    axis = _courses(one, "eligibility", "projection", projections, style.MEAN_ELIGIBILITY, axis)
+    if "collection_rate" in one:
+        charts.rewards(axis, one.time.values, one.collection_rate.values > 0)
+    axis.set_title(_told(one))
+    legend(axis)
     return axis
 
 
+@styled
+def weight_matrix(data: Dataset, projection: str, trial: int | None = None, axis: Axes | None = None) -> Axes:
+    """Every weight of a projection at the end, from presynaptic (across) to postsynaptic neurons.
+
+    Args:
+        trial: its number; None is the first.
+    """
+    axis, kept = _axes(axis, 4.0), _trial(_variable(data, f"weight_{projection}"), trial)
+    pre, post = ({str(dim).rpartition("_")[0]: size} for dim, size in kept.sizes.items())
+    charts.weight_matrix(axis, kept.values.T, pre, post)
+    axis.set_title(_told(kept), loc="right")
+    return axis
+
+
+@styled
 def path(data: Dataset, trial: int | None = None, side: float | None = None, axis: Axes | None = None) -> Axes:
     """Where a robot has been, at the samples of its run.
 
@@ -85,18 +97,16 @@ def path(data: Dataset, trial: int | None = None, side: float | None = None, axi
         trial: its number; None is the first.
         side: of the torus (cm), at whose edges the line is broken; None is as far as it goes.
     """
-    axis, kept = _axes(axis, 4.0), _variable(data, "position")
-    x, y = (kept.isel(trial=0) if trial is None else kept.sel(trial=trial)).transpose("axis", "time").values
-    side = float(max(x.max(), y.max())) if side is None else side
-    over = (np.abs(np.diff(x)) > side / 2) | (np.abs(np.diff(y)) > side / 2)
-    at = np.flatnonzero(over) + 1
-    axis.plot(np.insert(x, at, np.nan), np.insert(y, at, np.nan), color=ROBOTS["learning"], linewidth=0.8)
-    axis.plot(x[-1:], y[-1:], "o", color=ROBOTS["learning"], label=f"after {float(data.time[-1]):g} s")
-    axis.set(xlabel="x (cm)", ylabel="y (cm)", xlim=(0, side), ylim=(0, side), aspect="equal")
-    axis.legend()
+    axis, kept = _axes(axis, 4.0), _trial(_variable(data, "position"), trial)
+    position, colour = kept.transpose("time", "axis").values, of_robot(str(data.attrs.get("robot", "learning")))
+    charts.path(axis, position, float(position.max()) if side is None else side, colour)
+    axis.plot(*position[-1], "o", color=colour, label=f"after {float(data.time[-1]):g} s")
+    axis.set_title(_told(kept))
+    legend(axis, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return axis
 
 
+@styled
 def raster(data: Dataset, trial: int | None = None, axis: Axes | None = None) -> Axes:
     """Spikes that a monitor has seen, of one trial (the first if None).
 
@@ -106,51 +116,61 @@ def raster(data: Dataset, trial: int | None = None, axis: Axes | None = None) ->
     axis, times = _axes(axis), _variable(data, "spike_time")
     number = int(data.trial[0]) if trial is None else trial
     mine = data.spike_trial.values == number
-    axis.plot(times.values[mine], data.spike_neuron.values[mine], "|", color="black", markersize=4)
-    axis.yaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.set(xlabel="Time (s)", ylabel="Neuron", title=f"{data.attrs.get('of', '')}, trial {number}".replace("_", " "))
+    charts.raster(axis, times.values[mine], data.spike_neuron.values[mine])
+    axis.set_title(f"{spoken(data.attrs.get('of', ''))}, trial {number}")
     return axis
 
 
+@styled
 def trace(data: Dataset, quantity: str = "v", trial: int | None = None, axis: Axes | None = None) -> Axes:
     """A quantity of each neuron that a monitor has seen (its potential, by default), or of a modulator, in a trial."""
     axis, kept = _axes(axis), _variable(data, quantity)
-    chosen = (kept.isel(trial=0) if trial is None else kept.sel(trial=trial)).transpose("time", ...)
+    chosen = _trial(kept, trial).transpose("time", ...)
     if chosen.ndim > 2:
         raise ConfigError("quantity", quantity, f"is of pairs of neurons; choose one with .sel, {chosen.dims[1:]}")
     for k, column in enumerate(chosen.values.reshape(len(data.time), -1).T):
         label = f"neuron {int(data.neuron[k])}" if "neuron" in chosen.dims else None
         axis.plot(data.time.values, column, color=CYCLE[k % len(CYCLE)], label=label, linewidth=0.9)
-    axis.set(xlabel="Time (s)", ylabel=f"{quantity} ({kept.attrs.get('units', '')})".replace("uM", "µM"))
+    what = SYMBOLS.get(quantity, quantity) if quantity != "level" else str(data.attrs.get("of", "level"))
+    axis.set(xlabel=style.TIME, ylabel=style.quantity(what, kept.attrs.get("units", "")), title=_told(chosen))
     if "neuron" in chosen.dims:
-        axis.legend()
+        legend(axis)
     return axis
 
 
-def _lines(data: Dataset, name: str, dim: str, chosen: Sequence[str] | None, label: str, axis: Axes | None) -> Axes:
-    """A band for each of the chosen parts."""
+def save(axis: Axes, path: str | Path, dpi: float = 150) -> None:
+    """Write the figure that some axes are in as PATH.png and PATH.svg."""
+    style.save(cast(Figure, axis.figure), Path(path), dpi)
+
+
+def _courses(data: Dataset, name: str, dim: str, chosen: Sequence[str] | None, label: str, axis: Axes | None) -> Axes:
+    """A line or a band for each of the chosen parts."""
     axis, kept = _axes(axis), _variable(data, name)
     there = [str(part) for part in data[dim].values]
-    for k, part in enumerate(there if chosen is None else chosen):
+    parts = there if chosen is None else list(chosen)
+    for part in parts:
         if part not in there:
             raise ConfigError(dim, part, f"must be among {', '.join(there)}")
-        values = kept.sel({dim: part}).transpose("time", "trial").values
-        begun = np.isfinite(values).all(1)
-        band(axis, data.time.values[begun], values[begun], CYCLE[k % len(CYCLE)], part.replace("_", " "))
-    axis.set(xlabel="Time (s)", ylabel=label)
-    axis.legend()
+    values = {part: kept.sel({dim: part}).transpose("time", ...).values for part in parts}
+    charts.courses(axis, data.time.values, values, label)
+    legend(axis)
     return axis
+
+
+def _trial(kept: Any, number: int | None) -> Any:
+    """One trial of a dataset or of a variable: that of the number, or the first."""
+    return kept.isel(trial=0) if number is None else kept.sel(trial=number)
+
+
+def _told(kept: Any) -> str:
+    return f"trial {int(kept.trial)}"
 
 
 def _axes(axis: Axes | None, height: float = 3.2) -> Axes:
-    return figure(height=height)[1] if axis is None else axis
+    return pyplot.subplots(figsize=(6.4, height))[1] if axis is None else axis
 
 
 def _variable(data: Dataset, name: str) -> DataArray:
     if name not in data:
         raise ConfigError("data", name, f"is not in it; there are {', '.join(map(str, data.data_vars))}")
     return data[name]
-
-
-def _of(data: Dataset, name: str) -> Any:
-    return _variable(data, name).transpose("time", "trial").values

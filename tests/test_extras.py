@@ -60,7 +60,7 @@ def test_the_core_runs_without_extras_and_says_what_is_left_out(tmp_path: Path) 
     assert not list(tmp_path.rglob("events*"))
     assert done.stderr.splitlines()[0] == (
         "food_attraction learning  record.tensorboard=true: no events are written, which "
-        'needs tensorboard, PIL: pip install "snnrl[dashboards]"'
+        'needs tensorboard, matplotlib, PIL, scipy: pip install "snnrl[dashboards]"'
     )
 
 

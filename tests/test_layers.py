@@ -28,7 +28,7 @@ MAY_IMPORT = {
     "engines": "errors model body",
     "simulation": "model engines",
     "configuration": "errors schema model body tasks simulation",
-    "drawing": "schema intervals model body tasks",
+    "drawing": "schema files intervals model body tasks",
     "recording": "errors schema extras files model body tasks engines simulation drawing",
     "running": "errors schema extras files intervals engines simulation configuration recording",
     "agents": "errors schema files intervals model body engines configuration drawing running",

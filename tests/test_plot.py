@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import cast
+
 import matplotlib as mpl
 import numpy as np
 import pytest
+from labels import faults
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from xarray import Dataset
 
 from snnrl import plot
-from snnrl.drawing.style import ROBOTS, figure
+from snnrl.drawing.palette import ROBOTS
+from snnrl.drawing.style import INTERVAL, SPREAD, figure
 from snnrl.errors import ConfigError
 
 mpl.use("Agg")
+mpl.rcParams["figure.max_open_warning"] = 0
 TIME = np.array([0.0, 10.0, 20.0])
 
 
@@ -50,7 +57,9 @@ def test_a_learning_curve_is_the_mean_over_trials_in_the_robots_colour(run: Data
     np.testing.assert_array_equal(axis.lines[0].get_xydata(), [[10, 2], [20, 4]])
     assert axis.lines[0].get_color() == ROBOTS["benchmark"]
     assert told(axis) == ("Time (s)", "Collection rate (items/s)")
-    assert axis.get_legend_handles_labels()[1] == ["benchmark"]
+    legend = axis.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["benchmark", INTERVAL, SPREAD]
 
 
 def test_lines_are_of_the_chosen_parts(run: Dataset) -> None:
@@ -64,15 +73,18 @@ def test_lines_are_of_the_chosen_parts(run: Dataset) -> None:
 
 def test_rewards_are_where_the_first_trial_took_food(run: Dataset) -> None:
     axis = plot.eligibility(run, ["a_to_b"])
-    np.testing.assert_array_equal(axis.lines[-1].get_xdata(), [10.0])
+    np.testing.assert_array_equal(axis.lines[0].get_xydata(), [[10, 1], [20, 0]])
+    (spans,) = (collection.get_paths() for collection in axis.collections if collection.get_label() == "food")
+    assert [tuple(np.unique(np.asarray(span.vertices)[:, 0])) for span in spans] == [(0.0, 10.0)]
     assert told(axis)[1] == "Mean eligibility (mV/(µM ms))"
 
 
 def test_a_weight_matrix_has_presynaptic_neurons_across(run: Dataset) -> None:
     axis = plot.weight_matrix(run, "a_to_b", 8)
     np.testing.assert_array_equal(axis.images[0].get_array(), [[6, 9], [7, 10], [8, 11]])
-    assert told(axis) == ("Neuron of a", "Neuron of b")
-    assert plot.weight_matrix(run, "a_to_b").get_title() == "trial 7"
+    names = axis.get_xticklabels(), axis.get_yticklabels()
+    assert [[text.get_text() for text in texts] for texts in names] == [["a\n(2)"], ["b\n(3)"]]
+    assert plot.weight_matrix(run, "a_to_b").get_title("right") == "trial 7"
 
 
 def test_a_path_is_broken_at_the_edges_of_the_torus(run: Dataset) -> None:
@@ -83,10 +95,10 @@ def test_a_path_is_broken_at_the_edges_of_the_torus(run: Dataset) -> None:
 def test_spikes_and_traces_are_of_one_trial(monitor: Dataset) -> None:
     axis = plot.raster(monitor)
     np.testing.assert_array_equal(axis.lines[0].get_xydata(), [[0.1, 0], [0.3, 3]])
-    assert axis.get_title() == "left motor, trial 7"
+    assert axis.get_title("left") == "left motor, trial 7"
     axis = plot.trace(monitor, "v", 8)
     np.testing.assert_array_equal([line.get_ydata() for line in axis.lines], [[2, 6, 10], [3, 7, 11]])
-    assert told(axis) == ("Time (s)", "v (mV)")
+    assert told(axis) == ("Time (s)", "Membrane potential (mV)")
 
 
 def test_what_is_not_there_is_said(run: Dataset, monitor: Dataset) -> None:
@@ -99,3 +111,14 @@ def test_what_is_not_there_is_said(run: Dataset, monitor: Dataset) -> None:
 def test_it_draws_on_the_axes_that_it_is_given(run: Dataset) -> None:
     axis = figure()[1]
     assert plot.learning_curve(run, axis) is axis
+
+
+def test_all_axes_keep_the_convention(run: Dataset, monitor: Dataset) -> None:
+    drawn = [plot.learning_curve(run), plot.rates(run), plot.weights(run), plot.eligibility(run), plot.path(run)]
+    drawn += [plot.weight_matrix(run, "a_to_b"), plot.raster(monitor), plot.trace(monitor)]
+    assert [faults(cast(Figure, axis.figure)) for axis in drawn] == [[]] * len(drawn)
+
+
+def test_a_figure_is_saved_as_bitmap_and_vector(run: Dataset, tmp_path: Path) -> None:
+    plot.save(plot.learning_curve(run), tmp_path / "curve")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["curve.png", "curve.svg"]

@@ -26,6 +26,7 @@ from helpers import (
     make_projection,
     run_each,
 )
+from labels import faults
 from PIL import Image
 
 from snnrl.configuration.builder import build
@@ -38,6 +39,7 @@ from snnrl.recording.runs import Run
 from snnrl.replay import replay
 from snnrl.replay.credit import Credit, Ledger, pairs_of
 from snnrl.replay.nwb import write_nwb
+from snnrl.replay.scenes import draw_credit, draw_raster
 from snnrl.replay.trial import Original, Recording, record
 from snnrl.running.job import perform
 from snnrl.schema import Config
@@ -243,7 +245,8 @@ def test_pairs_make_the_eligibility_of_the_networks_own_step(simultaneous: str, 
 
 def test_the_command_leaves_what_it_promises(replayed: Path) -> None:
     assert sorted(path.name for path in replayed.iterdir() if path.suffix != ".mp4") == [
-        *("credit.csv", "credit.png", "raster.png", "replay.gif", *("replay.nwb" for _ in NWB), "spikes.npz"),
+        *("credit.csv", "credit.png", "credit.svg", "raster.png", "raster.svg", "replay.gif"),
+        *(*("replay.nwb" for _ in NWB), "spikes.npz"),
     ]
     with Image.open(replayed / "replay.gif") as film:
         assert film.n_frames == 13  # type: ignore[attr-defined]
@@ -259,6 +262,12 @@ def test_the_command_leaves_what_it_promises(replayed: Path) -> None:
     for row in food[:50]:
         listed = sum(float(pair.partition(":")[2]) for pair in row["pairs"].split())
         assert listed + float(row["older"]) == pytest.approx(float(row["eligibility"]), abs=5e-4)
+
+
+def test_its_figures_keep_the_convention(recording: Recording) -> None:
+    explained = draw_credit(recording)
+    assert explained is not None
+    assert faults(draw_raster(recording)) == faults(explained) == []
 
 
 def test_a_film_where_there_is_ffmpeg(replayed: Path) -> None:

@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from labels import faults
 
 from snnrl.recording.runs import Run
 from snnrl.thesis import fit, reproduce
 from snnrl.thesis.compare import MOST, Cell, compare, enough
 from snnrl.thesis.dampening import dampened
-from snnrl.thesis.gallery import DRAWINGS
+from snnrl.thesis.gallery import DRAWINGS, drawings
 from snnrl.thesis.loss import UNIT
 from snnrl.thesis.published import published
 from snnrl.thesis.report import Provenance, write_report
@@ -49,6 +50,14 @@ def test_every_published_cell_is_in_the_report(made: Path) -> None:
     assert food["difference"] == pytest.approx(food["ours"]["mean"] - food["published"]["mean"])
     assert content["provenance"]["quick"] is True
     assert len(content["claims"]) == 11
+
+
+def test_every_figure_keeps_the_convention(made: Path) -> None:
+    names = json.loads((report(made) / "report.json").read_text())["runs"]
+    with torch.no_grad():
+        drawn = drawings({name: Run(made / path) for name, path in names.items()})
+    assert len(drawn) > 25
+    assert {drawing.name: found for drawing, shape in drawn if (found := faults(shape))} == {}
 
 
 def test_a_quick_reproduction_gives_no_verdicts(made: Path) -> None:

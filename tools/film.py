@@ -12,17 +12,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 import torch
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from PIL import Image
 
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.palette import ATTRACTION, AVOIDANCE
+from snnrl.drawing import style
+from snnrl.drawing.palette import ATTRACTION, AVOIDANCE, ROBOTS
+from snnrl.drawing.pictures import pixels
 from snnrl.drawing.snapshots import square
-from snnrl.drawing.style import ROBOTS, STYLE, figure
+from snnrl.drawing.style import figure, legend, styled
 from snnrl.engines import make_engine
 from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD
@@ -88,19 +89,22 @@ def _frame(simulation: Simulation[Any], path: np.ndarray, beside: Image.Image) -
 
 
 def _beside(curves: Curves, seconds: float) -> Image.Image:
-    with mpl.rc_context(STYLE):
-        drawn, (food, weight) = figure(2, 1, width=3.8, height=SIDE / 100, sharex=True)
-        food.plot(curves.time, curves.rate(), color=ROBOTS["learning"])
-        food.set(title=f"after {curves.time[-1]:.0f} s", ylabel="Food (items/min)", ylim=(0, 28))
-        weight.plot(curves.time, curves.attraction, color=ATTRACTION, label="towards containers")
-        weight.plot(curves.time, curves.avoidance, color=AVOIDANCE, label="away from them")
-        weight.set(xlabel="Time (s)", ylabel="Mean weight (mV)", xlim=(0, seconds), ylim=(0, 3.4))
-        weight.legend(loc="upper left")
-        for axis in (food, weight):
-            axis.plot(curves.time[-1:], axis.lines[0].get_ydata()[-1:], "o", color=axis.lines[0].get_color(), ms=4)
-        canvas = FigureCanvasAgg(drawn)
-        canvas.draw()
-        return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").crop((0, 0, 380, SIDE))
+    return Image.fromarray(pixels(draw(curves, seconds))).crop((0, 0, 380, SIDE))
+
+
+@styled
+def draw(curves: Curves, seconds: float) -> Figure:
+    """What a robot has come to, on axes that are as long as its trial (s)."""
+    drawn, (food, weight) = figure(2, 1, width=3.8, height=SIDE / 100, sharex=True)
+    food.plot(curves.time, curves.rate(), color=ROBOTS["learning"])
+    food.set(title=f"after {curves.time[-1]:.0f} s", ylabel="Food (items/min)", ylim=(0, 28))
+    weight.plot(curves.time, curves.attraction, color=ATTRACTION, label="towards containers")
+    weight.plot(curves.time, curves.avoidance, color=AVOIDANCE, label="away from them")
+    weight.set(xlabel=style.TIME, ylabel=style.MEAN_WEIGHT, xlim=(0, seconds), ylim=(0, 3.4))
+    legend(weight, loc="upper left")
+    for axis in (food, weight):
+        axis.plot(curves.time[-1:], axis.lines[0].get_ydata()[-1:], "o", color=axis.lines[0].get_color(), ms=4)
+    return drawn
 
 
 def save(frames: list[Image.Image], path: Path) -> None:

@@ -32,7 +32,7 @@ import numpy as np
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.drawing.palette import ATTRACTION
-from snnrl.drawing.style import PUBLISHED, figure
+from snnrl.drawing.style import PUBLISHED, figure, legend, save, styled
 from snnrl.engines import make_engine
 from snnrl.files import write
 from snnrl.running.job import perform
@@ -201,24 +201,26 @@ def line(cost: Cost) -> str:
     )
 
 
+@styled
 def draw(costs: Sequence[Cost], path: Path) -> None:
     """Time and memory against size; the dashed line is proportional and ends in the last point."""
     axes = list(dict.fromkeys(cost.size.axis for cost in costs))
-    names = {"trials": "trials", "hours": "simulated hours", "synapses": "plastic synapses a trial"}
+    names = {"trials": "Trials", "hours": "Simulated time (h)", "synapses": "Plastic synapses of a trial"}
     drawn, panels = figure(2, len(axes), width=2.6 * len(axes), height=4.2, squeeze=False, sharey="row")
     for column, axis in enumerate(axes):
         chosen = [cost for cost in costs if cost.size.axis == axis]
         size = np.array([cost.size.value for cost in chosen])
         for row, (values, label) in enumerate(
-            [([cost.wall for cost in chosen], "run, s"), ([cost.peak for cost in chosen], "peak memory, MB")]
+            [([cost.wall for cost in chosen], "Run (s)"), ([cost.peak for cost in chosen], "Peak memory (MB)")]
         ):
             panel = panels[row][column]
-            panel.loglog(size, values, "o-", color=ATTRACTION)
+            panel.loglog(size, values, "o-", color=ATTRACTION, label="measured")
             if row == 0 or axis != "hours":
-                panel.plot(size, values[-1] * size / size[-1], **PUBLISHED)
+                panel.plot(size, values[-1] * size / size[-1], label="in proportion to the last", **PUBLISHED)
             panel.set_xlabel(names[axis] if row else "")
             panel.set_ylabel("" if column else label)
-    drawn.savefig(path, dpi=130)
+    legend(drawn, loc="outside lower center", ncols=2)
+    save(drawn, path.with_suffix(""), 130)
 
 
 def document(costs: Sequence[Cost], found: Sequence[tuple[bool, str]], command: str, picture: str) -> str:

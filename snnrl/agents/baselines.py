@@ -29,31 +29,24 @@ from snnrl.body.world import World
 from snnrl.configuration.builder import build
 from snnrl.configuration.checks import check, torch_device
 from snnrl.configuration.compose import plain
-from snnrl.drawing.style import png
+from snnrl.drawing import style
+from snnrl.drawing.style import figure, legend, multiples, spoken, styled
 from snnrl.engines import make_engine
 from snnrl.errors import ConfigError
 from snnrl.files import csv_of, npz_of, write
-from snnrl.intervals import student, student_half
+from snnrl.intervals import student
 from snnrl.model.draws import Draws
 from snnrl.running.command import Passed, discard
 from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD, BaselinesConfig, Config, check_bounds
 
-SPIKING = "spiking"
+SPIKING = "spiking"  # the robot that learns
 AGENTS: Mapping[str, Callable[[Draws, int, BaselinesConfig], Agent]] = {
     "random_walk": lambda draws, sensors, config: RandomWalk(draws),
     "braitenberg": lambda draws, sensors, config: Braitenberg(draws, config.braitenberg),
     "q_learning": lambda draws, sensors, config: QLearning(draws, sensors, config.q_learning),
     "sarsa_lambda": lambda draws, sensors, config: SarsaLambda(draws, sensors, config.sarsa_lambda),
     "reinforce": lambda draws, sensors, config: Reinforce(draws, sensors, config.reinforce),
-}
-COLOURS = {  # of Okabe and Ito, told apart by colour-blind readers
-    SPIKING: "#000000",
-    "random_walk": "#999999",
-    "braitenberg": "#E69F00",
-    "q_learning": "#0072B2",
-    "sarsa_lambda": "#009E73",
-    "reinforce": "#CC79A7",
 }
 LATE = 0.2  # the last part of a task, in which what has been learnt shows
 
@@ -184,39 +177,41 @@ def markdown_of(results: Sequence[Result]) -> str:
     return "\n".join(lines) + "\n"
 
 
+@styled
 def figure_of(results: Sequence[Result]) -> Figure:
-    """Collection rate over time, a panel for each task; bands are 95 % intervals of the mean over trials."""
+    """Collection rate over time, a row for each task and a panel for each agent."""
     tasks = list(dict.fromkeys(result.task for result in results))
-    figure = Figure(figsize=(4.2 * len(tasks), 3.6), layout="constrained")
-    panels = dict(zip(tasks, figure.subplots(1, len(tasks), squeeze=False)[0], strict=True))
-    for result in results:
-        rate = result.items / result.spans[:, None]
-        mean, trials = rate.mean(1), rate.shape[1]
-        panel, colour = panels[result.task], COLOURS[result.agent]
-        panel.plot(result.time, mean, color=colour, label=result.agent.replace("_", " "))
-        if trials > 1:
-            reach = student_half(rate.std(1, ddof=1), trials)
-            panel.fill_between(result.time, mean - reach, mean + reach, color=colour, alpha=0.2, linewidth=0)
-        if result.poison.any() and result is next(r for r in results if r.task == result.task):
-            turn = result.time[~result.poison][-1] if (~result.poison).any() else 0.0
-            panel.axvline(turn, color="black", linestyle=":", linewidth=1)
-            panel.text(turn, 1.0, " food turns to poison", transform=panel.get_xaxis_transform(), va="top")
-    for task, panel in panels.items():
-        panel.set(title=task.replace("_", " "), xlabel="time, s", ylim=(0, None), xlim=(0, None))
-        panel.spines[["top", "right"]].set_visible(False)
-    panels[tasks[0]].set_ylabel("collection rate, items/s")
-    figure.legend(*panels[tasks[0]].get_legend_handles_labels(), loc="outside lower center", ncols=len(COLOURS))
-    return figure
+    agents = list(dict.fromkeys(result.agent for result in results))
+    drawn, axes = figure(
+        len(tasks),
+        len(agents),
+        1.7 * len(agents) + 0.8,
+        1.7 * len(tasks) + 0.6,
+        squeeze=False,
+        sharex="row",
+        sharey="row",
+    )
+    for row, task in zip(axes, tasks, strict=True):
+        of = [result for result in results if result.task == task]
+        multiples(row, {result.agent: (result.time, result.items / result.spans[:, None]) for result in of})
+        row[0].set(ylabel=f"{spoken(task).capitalize()}\n{style.RATE}", xlim=(0, of[0].time[-1]), ylim=(0, None))
+        for axis, result in zip(row, of, strict=True):
+            if result.poison.any() and (~result.poison).any():
+                style.mark(axis, result.time[~result.poison][-1], "poison", vertical=True)
+    for axis in axes[-1]:
+        axis.set(xlabel=style.TIME)
+    legend(drawn, loc="outside lower center", ncols=4)
+    return drawn
 
 
 def save(results: Sequence[Result], folder: Path) -> None:
-    """Write baselines.csv, baselines.md, baselines.png and series.npz.
+    """Write baselines.csv, baselines.md, the figure as baselines.png and baselines.svg, and series.npz.
 
     series.npz holds, for each TASK and AGENT, `TASK.AGENT.time` [T] (s) and `TASK.AGENT.items` [T, B].
     """
     write(folder / "baselines.csv", table_of(results))
     write(folder / "baselines.md", markdown_of(results))
-    write(folder / "baselines.png", png(figure_of(results), 150))
+    style.save(figure_of(results), folder / "baselines")
     arrays = {f"{r.task}.{r.agent}.{key}": getattr(r, key) for r in results for key in ("time", "items")}
     write(folder / "series.npz", npz_of(arrays))
 

@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from snnrl.beyond.course import Course, follow, interval
-from snnrl.beyond.page import Page, draw, table
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose_baselines
-from snnrl.drawing.style import figure
+from snnrl.drawing import style
+from snnrl.drawing.style import figure, legend, multiples, styled
 
 AGENTS = ("learning", "no_pain", "sarsa_lambda", "random_walk")
 SECONDS = 2000.0
@@ -24,7 +25,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     world = ("+experiment=avoidance", f"seconds={part * SECONDS:g}", *overrides)
     options = compose_baselines(*TUNED)
     courses = [follow(agent, EVERY, options, *world) for agent in AGENTS]
-    return Page(_table(courses), _figure(courses))
+    return Page(_table(courses), figure_of(courses))
 
 
 def late(course: Course, kind: str) -> np.ndarray:
@@ -46,12 +47,14 @@ def _table(courses: Sequence[Course]) -> str:
     return table(("agent", "late food per s [95 %]", "late poison per s [95 %]", "of a random walk's poison"), rows)
 
 
-def _figure(courses: Sequence[Course]) -> Figure:
-    """Food and poison touched per s over time."""
-    drawn, axes = figure(1, 2, width=7.2, height=3.2)
-    for axis, kind in zip(axes, ("food", "poison"), strict=True):
-        for course in courses:
-            draw(axis, course.agent, course.time, course.touches[kind] / course.every)
-        axis.set(title=kind, xlabel="time, s", ylabel="touched, items/s", xlim=(0, None), ylim=(0, None))
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AGENTS))
+@styled
+def figure_of(courses: Sequence[Course]) -> Figure:
+    """Food and poison touched per s over time, a panel for each agent."""
+    drawn, axes = figure(2, len(courses), width=7.2, height=4.2, sharex=True, sharey="row", squeeze=False)
+    for row, kind in zip(axes, ("food", "poison"), strict=True):
+        multiples(row, {course.agent: (course.time, course.touches[kind] / course.every) for course in courses})
+        row[0].set(ylabel=f"{kind.capitalize()} touched (items/s)", xlim=(0, courses[0].time[-1]), ylim=(0, None))
+    for axis in axes[1]:
+        axis.set(title="", xlabel=style.TIME)
+    legend(drawn, loc="outside lower center", ncols=4)
     return drawn

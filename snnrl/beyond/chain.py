@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 
 from snnrl.beyond.course import Course, first_time, follow, interval
 from snnrl.beyond.extinction import PULSE, evoked
-from snnrl.beyond.page import Page, draw, table
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose, compose_baselines
-from snnrl.drawing.style import figure
+from snnrl.drawing import style
+from snnrl.drawing.style import figure, legend, multiples, styled
 from snnrl.engines import make_engine
 from snnrl.intervals import wilson
 
@@ -50,7 +51,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
             agent: follow(agent, EVERY, options, *world, *(wired if agent == WIRED else ())) for agent in AGENTS
         }
     answers = {gap: presented(gap, max(1, round(part * PRESENTED)), overrides) for gap in GAPS}
-    return Page(f"{_table(courses)}\n{_gaps_table(answers)}", _figure(courses))
+    return Page(f"{_table(courses)}\n{_gaps_table(answers)}", figure_of(courses))
 
 
 def presented(gap: float, times: int, overrides: Sequence[str]) -> dict[str, np.ndarray]:
@@ -116,13 +117,17 @@ def _gaps_table(answers: dict[float, dict[str, np.ndarray]]) -> str:
     return table(head, rows)
 
 
-def _figure(courses: Courses) -> Figure:
-    """Food per s over time, a panel for each chain."""
-    drawn, axes = figure(1, len(courses), width=9.6, height=3.4, squeeze=False)
-    for axis, (chain, ran) in zip(axes[0], courses.items(), strict=True):
-        for agent, course in ran.items():
-            draw(axis, agent, course.time, course.rate("food"))
-        axis.set(title=chain, xlabel="time, s", xlim=(0, None), ylim=(0, None))
-    axes[0][0].set_ylabel("food, items/s")
-    drawn.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AGENTS))
+@styled
+def figure_of(courses: Courses) -> Figure:
+    """Food per s over time, a row for each chain and a panel for each agent."""
+    agents = len(next(iter(courses.values())))
+    drawn, axes = figure(len(courses), agents, width=9.6, height=5.6, sharex=True, sharey="row", squeeze=False)
+    for row, (chain, ran) in zip(axes, courses.items(), strict=True):
+        multiples(row, {agent: (course.time, course.rate("food")) for agent, course in ran.items()})
+        row[0].set(ylabel=f"{chain.capitalize()}\n{style.RATE}", xlim=(0, None), ylim=(0, None))
+    for axis in axes[1:].flat:
+        axis.set(title="")
+    for axis in axes[-1]:
+        axis.set(xlabel=style.TIME)
+    legend(drawn, loc="outside lower center", ncols=4)
     return drawn

@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from snnrl.beyond.course import Course, first_time, follow, interval
-from snnrl.beyond.page import Page, draw, table
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose_baselines
-from snnrl.drawing.style import figure
+from snnrl.drawing.style import figure, legend, multiples, styled
 
 SWAPS = {200.0: 20, 500.0: 20, 1000.0: 10}  # how many, by the s from one to the next
 AGENTS = ("learning", "no_hunger", "sarsa_lambda", "q_learning", "reinforce")
@@ -32,7 +32,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
         length = (1 + max(1, round(part * swaps))) * period
         world = ("+experiment=changing_world", f"world.kinds.food.turns_every={period}", f"seconds={length}")
         courses[period] = [follow(agent, EVERY, options, *world, *overrides) for agent in AGENTS]
-    return Page(_table(courses), _figure(courses))
+    return Page(_table(courses), figure_of(courses))
 
 
 def since_swap(course: Course, period: float) -> np.ndarray:
@@ -74,20 +74,24 @@ def _table(courses: dict[float, list[Course]]) -> str:
     return table(head, rows)
 
 
-def _figure(courses: dict[float, list[Course]]) -> Figure:
-    """Above: reward since the swap, mean over all swaps and trials; below: how long re-learning took, by swap."""
-    drawn, axes = figure(2, len(courses), width=9.6, height=5.6, squeeze=False)
-    for column, (period, ran) in enumerate(courses.items()):
-        above, below = axes[0][column], axes[1][column]
+@styled
+def figure_of(courses: dict[float, list[Course]]) -> Figure:
+    """Of each period, a row of the reward since the swap, mean over all swaps, and one of how long re-learning took."""
+    agents = len(next(iter(courses.values())))
+    drawn, axes = figure(2 * len(courses), agents, 9.6, 3.4 * len(courses), sharex="row", sharey="row", squeeze=False)
+    for k, (period, ran) in enumerate(courses.items()):
+        rewards, taken = {}, {}
         for course in ran:
-            rate = since_swap(course, period)[1:].mean(0)
-            draw(above, course.agent, course.every * (np.arange(len(rate)) + 0.5), rate)
-            taken = relearning(course, period)[1:]
-            draw(below, course.agent, np.arange(1, len(taken) + 1), np.where(np.isnan(taken), period, taken))
-        above.axhline(0.0, color="black", linewidth=0.6)
-        above.set(title=f"swap every {period:g} s", xlabel="time since the swap, s", xlim=(0, period))
-        below.set(xlabel="swap", ylim=(0, 1.05 * period))
-    axes[0][0].set_ylabel("reward, 1/s")
-    axes[1][0].set_ylabel("s until it re-learnt")
-    drawn.legend(*axes[0][0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AGENTS))
+            rate, lasted = since_swap(course, period)[1:].mean(0), relearning(course, period)[1:]
+            rewards[course.agent] = course.every * (np.arange(len(rate)) + 0.5), rate
+            taken[course.agent] = np.arange(1, len(lasted) + 1), np.where(np.isnan(lasted), period, lasted)
+        for row, shown in ((axes[2 * k], rewards), (axes[2 * k + 1], taken)):
+            multiples(row, shown)
+        for above, below in zip(axes[2 * k], axes[2 * k + 1], strict=True):
+            above.axhline(0.0, color="black", linewidth=0.6)
+            above.set(xlabel="Time since the swap (s)", xlim=(0, period))
+            below.set(title="", xlabel="Swap", ylim=(0, 1.05 * period))
+        axes[2 * k][0].set_ylabel(f"Swap every {period:g} s\nReward (items/s)")
+        axes[2 * k + 1][0].set_ylabel("Until it re-learnt (s)")
+    legend(drawn, loc="outside lower center", ncols=4)
     return drawn

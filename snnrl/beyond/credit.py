@@ -16,7 +16,9 @@ from snnrl.beyond.course import interval
 from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.style import figure
+from snnrl.drawing import style
+from snnrl.drawing.palette import CREDIT
+from snnrl.drawing.style import figure, legend, spoken, styled
 from snnrl.engines import make_engine
 from snnrl.intervals import student_half
 from snnrl.running.schedule import ticks_of
@@ -24,7 +26,6 @@ from snnrl.schema import Config
 
 WORLDS = {"food": ("food_attraction", "learning"), "food in containers": ("dual_learning", "learning")}
 SAMPLES = 100  # of a run
-COLOURS = ("#009E73", "#E69F00", "#CC79A7", "#0072B2", "#999999", "#333333")  # of all parts but rounding
 
 
 def make(overrides: Sequence[str], part: float = 1.0) -> Page:
@@ -33,7 +34,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
         world: course(compose(f"+experiment={experiment}", f"robot={robot}", *overrides), part)
         for world, (experiment, robot) in WORLDS.items()
     }
-    return Page(_table(found), _figure(found))
+    return Page(_table(found), figure_of(found))
 
 
 def course(config: Config, part: float = 1.0) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -62,7 +63,8 @@ def _table(found: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> str:
     return table(("world", "synapses", "change, mV [95 %]", *PARTS), rows)
 
 
-def _figure(found: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Figure:
+@styled
+def figure_of(found: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Figure:
     """A row for each world, a column for each role."""
     drawn, axes = figure(len(found), max(len(roles) for _, roles in found.values()), 13.0, 5.6, squeeze=False)
     for row, (world, (time, roles)) in zip(axes, found.items(), strict=True):
@@ -70,9 +72,9 @@ def _figure(found: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Figur
             axis.set_axis_off()
         for axis, (role, parts) in zip(row, roles.items(), strict=False):
             draw(axis, time, parts)
-            axis.set(title=role.replace("_", " "), xlabel="Time (s)", xlim=(0, time[-1]))
+            axis.set(title=spoken(role), xlabel=style.TIME, xlim=(0, time[-1]))
         row[0].set_ylabel(f"{world}\nCredit (mV)")
-    drawn.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower center", ncols=len(PARTS))
+    legend(drawn, loc="outside lower center", ncols=5)
     return drawn
 
 
@@ -83,14 +85,15 @@ def draw(axis: Axes, time: np.ndarray, parts: np.ndarray) -> None:
     """
     for sign in (1.0, -1.0):
         edge = np.zeros(len(time))
-        for k, colour in enumerate(COLOURS):
+        for k, colour in enumerate(CREDIT):
             before, edge = edge, edge + sign * (sign * parts[..., k].mean(1)).clip(0.0)
             axis.fill_between(time, before, edge, color=colour, linewidth=0, label=PARTS[k] if sign > 0 else None)
     change, trials = parts.sum(2), parts.shape[1]
     axis.plot(time, change.mean(1), color="black", label="change of the weight")
     if trials > 1:
         half = student_half(change.std(1, ddof=1), trials)
-        axis.fill_between(time, change.mean(1) - half, change.mean(1) + half, color="black", alpha=0.25, linewidth=0)
+        low, high = change.mean(1) - half, change.mean(1) + half
+        axis.fill_between(time, low, high, color="black", alpha=0.25, linewidth=0, label=style.INTERVAL)
 
 
-assert len(COLOURS) == ROUNDING  # which is too small to be seen
+assert len(CREDIT) == ROUNDING  # which is too small to be seen

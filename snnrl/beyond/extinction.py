@@ -18,7 +18,9 @@ from snnrl.beyond.course import interval
 from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.style import band, figure, mark
+from snnrl.drawing import style
+from snnrl.drawing.palette import NO_FOOD, ROBOTS
+from snnrl.drawing.style import figure, legend, mark, multiples, styled
 from snnrl.engines import Engine, make_engine
 from snnrl.intervals import wilson
 from snnrl.model.network import Network
@@ -40,7 +42,6 @@ CONTROLS = {
     "without inhibition": ("robot=no_expectation",),
     "thesis's network": ("network=food_container",),
 }
-COLOURS = dict(zip(CONTROLS, ("#0072B2", "#D55E00", "#7f7f7f"), strict=True))
 USUAL = ("dual_learning", "secondary_behaviour", "secondary_stimulus")  # the thesis's experiments with containers
 TRAINED, OMITTED, SAMPLES = 160, 200, 70  # presentations with reward, without it, and samples of a robot's life
 FELL = 0.2  # of what it was, beyond that of a robot that was never fed: what has come down to this is unlearnt
@@ -244,29 +245,32 @@ def usual_table(overrides: Sequence[str], part: float) -> str:
     return table(head, rows)
 
 
+@styled
 def draw(
     found: Mapping[str, Mapping[str, Tensor]], lives: Mapping[str, Mapping[str, np.ndarray]], gone: float, back: float
 ) -> Figure:
-    """Dopaminergic firing around cue and reward, and the robots' lives."""
-    drawn, axes = figure(2, 3, 9.6, 5.0)
+    """Dopaminergic firing around cue and reward, and below it the robots' lives, a row for each quantity."""
+    drawn, axes = figure(4, 3, 9.6, 8.4, sharey="row")
     for axis, stage in zip(axes[0], ("first", "trained", "omitted"), strict=True):
         for network, stages in found.items():
             rate = stages[stage].view(-1, 20, stages[stage].shape[1]).mean((1, 2)) * 1000.0
-            axis.step(np.arange(len(rate)) * 20 - AT, rate, where="post", color=COLOURS[network], label=network)
-        axis.set(title=stage, xlabel="ms from the cue", xlim=(-AT, 2000), ylim=(0.0, None))
+            axis.step(np.arange(len(rate)) * 20 - AT, rate, where="post", color=ROBOTS[network], label=network)
+        axis.set(title=f"reward {stage}" if stage == "omitted" else stage, xlabel="Time from the cue (ms)")
+        axis.set(xlim=(-AT, 2000), ylim=(0.0, None))
         mark(axis, DELAY, "reward's time", vertical=True)
-    axes[0, 0].set_ylabel("dopaminergic firing, Hz")
-    axes[0, 0].legend()
-    titles = {
-        "response": "answer to a container, spikes",
-        "lead": "attraction less avoidance, mV",
-        "visits": "containers entered per s",
+    axes[0, 0].set_ylabel("Dopaminergic firing (Hz)")
+    labels = {
+        "response": "Answer to a container (spikes)",
+        "lead": "Attraction less avoidance (mV)",
+        "visits": "Containers entered (1/s)",
     }
-    for axis, (name, title) in zip(axes[1], titles.items(), strict=True):
-        for robot, series in lives.items():
-            band(axis, series["time"], series[name], COLOURS[robot], robot)
-        axis.axvspan(gone, back, color="#f3e3c3", zorder=0)
-        axis.set(title=title, xlabel="s; no food where shaded")
+    for row, (name, label) in zip(axes[1:], labels.items(), strict=True):
+        multiples(row, {robot: (series["time"], series[name]) for robot, series in lives.items()})
+        for axis in row:
+            axis.axvspan(gone, back, color=NO_FOOD, zorder=0, label="no food")
+            axis.set(xlabel=style.TIME if name == "visits" else "")
+        row[0].set_ylabel(label)
+    legend(drawn, loc="outside lower center", ncols=4)
     return drawn
 
 

@@ -14,10 +14,12 @@ from matplotlib.figure import Figure
 from scipy.signal import welch
 
 from snnrl.beyond.course import interval
-from snnrl.beyond.page import COLOURS, Page, draw, table
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.style import figure
+from snnrl.drawing import style
+from snnrl.drawing.palette import of_robot
+from snnrl.drawing.style import figure, legend, multiples, spoken, styled
 from snnrl.engines import Engine, make_engine
 from snnrl.recording.criteria import correct
 from snnrl.running.schedule import ticks_of
@@ -80,7 +82,7 @@ class Life:
 def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     """Run all robots in all tasks; `part` of the time, for a trial."""
     lives = [live(task, robot, overrides, part) for task in TASKS for robot in ROBOTS]
-    return Page(_table(lives), _figure(lives))
+    return Page(_table(lives), figure_of(lives))
 
 
 def live(task: str, robot: str, overrides: Sequence[str], part: float = 1.0) -> Life:
@@ -159,21 +161,21 @@ def _row(life: Life) -> tuple[str, ...]:
     )
 
 
-def _figure(lives: Sequence[Life]) -> Figure:
-    """Food per s over time, and spectra of rhythm and motors."""
-    drawn, axes = figure(1, 3, width=9.6, height=3.6)
-    for axis, task in zip(axes, DRAWN, strict=False):
-        for life in lives:
-            if life.task == task:
-                draw(axis, life.robot, life.time, life.food)
-        axis.set(title=task, xlabel="time, s", ylabel="food, items/s", xlim=(0, None), ylim=(0, None))
-    for life in lives:
-        if life.task == DRAWN[0] and life.robot in ("learning", "in_network"):
-            colour = COLOURS[life.robot]
-            axes[2].semilogy(*spectrum(life.motors), color=colour)
-            if life.rhythmic:
-                axes[2].semilogy(*spectrum(life.spikes[RHYTHM]), color=colour, linestyle="dotted", label="its rhythm")
-    axes[2].set(title="motors' spectra", xlabel="frequency, Hz", ylabel="spikes²/ms² per Hz", xlim=(0, AUDIBLE[1]))
-    axes[2].legend()
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ROBOTS))
+@styled
+def figure_of(lives: Sequence[Life]) -> Figure:
+    """Food per s over time, a row for each task and a panel for each robot; below, spectra of rhythm and motors."""
+    drawn, axes = figure(len(DRAWN) + 1, len(ROBOTS), width=11.0, height=6.4, squeeze=False, sharey="row")
+    for row, task in zip(axes, DRAWN, strict=False):
+        multiples(row, {life.robot: (life.time, life.food) for life in lives if life.task == task})
+        row[0].set_ylabel(f"{task.capitalize()}\n{style.RATE}")
+        for axis in row:
+            axis.set(xlim=(0, None), ylim=(0, None), xlabel=style.TIME)
+    of_task = {life.robot: life for life in lives if life.task == DRAWN[0]}
+    for axis, (robot, life) in zip(axes[-1], of_task.items(), strict=False):
+        axis.semilogy(*spectrum(life.motors), color=of_robot(robot), label="motors")
+        if life.rhythmic:
+            axis.semilogy(*spectrum(life.spikes[RHYTHM]), color=style.palette.OTHER, linestyle="dotted", label="rhythm")
+        axis.set(xlim=(0, AUDIBLE[1]), xlabel="Frequency (Hz)", title=spoken(robot))
+    axes[-1, 0].set_ylabel("Power (spikes²/ms²/Hz)")
+    legend(drawn, loc="outside lower center", ncols=5)
     return drawn

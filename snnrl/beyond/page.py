@@ -6,30 +6,13 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from snnrl.agents import baselines
-from snnrl.drawing.style import ROBOTS, png
+from snnrl.drawing.style import save
 from snnrl.errors import ConfigError
 from snnrl.files import write
-from snnrl.intervals import student_half
 
-COLOURS = {
-    **ROBOTS,
-    **baselines.COLOURS,
-    "learning": baselines.COLOURS[baselines.SPIKING],
-    "no_pain": ROBOTS["no_hunger"],
-    "no_moving_dopamine": ROBOTS["no_container_dopamine"],
-    "fixed_dopamine": ROBOTS["fixed_container_dopamine"],
-    "phasic": ROBOTS["container_dopamine_learning"],
-    "no_rhythm": ROBOTS["positive_baseline"],
-    "winner": ROBOTS["fixed_container_dopamine"],
-    "no_rivalry": ROBOTS["no_container_dopamine"],
-    "background": ROBOTS["benchmark"],
-    "in_network": ROBOTS["learning"],
-}
+DPI = 110
 BEGIN, END = "<!-- begin table -->\n", "<!-- end table -->\n"
 
 
@@ -41,15 +24,15 @@ class Page:
     figure: Figure
 
     def save(self, folder: Path) -> None:
-        """Write table.md and figure.png."""
+        """Write table.md, figure.png and figure.svg."""
         write(folder / "table.md", self.table)
-        write(folder / "figure.png", png(self.figure, 110))
+        save(self.figure, folder / "figure", DPI)
 
     def put_into(self, path: Path) -> None:
         """Replace the table and the figure in a page; raises as `around_table` does."""
         before, after = around_table(path)
         drawn = path.with_suffix(".png")
-        write(drawn, png(self.figure, 110))
+        save(self.figure, path.with_suffix(""), DPI)
         write(path, f"{before}{BEGIN}![What is in the table, over time]({drawn.name})\n\n{self.table}{END}{after}")
 
 
@@ -65,15 +48,6 @@ def around_table(path: Path) -> tuple[str, str]:
     if not (begin and end):
         raise ConfigError("--page", path, f"must have the lines {BEGIN.strip()} and {END.strip()}")
     return before, after
-
-
-def draw(axis: Axes, agent: str, time: np.ndarray, values: np.ndarray) -> None:
-    """Mean of [T, B] over trials, in the agent's colour, with its interval."""
-    mean, trials = values.mean(1), values.shape[1]
-    axis.plot(time, mean, color=COLOURS[agent], label=agent.replace("_", " "))
-    if trials > 1:
-        half = student_half(values.std(1, ddof=1), trials)
-        axis.fill_between(time, mean - half, mean + half, color=COLOURS[agent], alpha=0.2, linewidth=0)
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
-from snnrl.drawing.style import figure
+from snnrl.drawing.style import figure, legend, styled
 from snnrl.engines import make_engine
 from snnrl.recording.criteria import correct
 from snnrl.running.schedule import ticks_of
@@ -51,7 +51,7 @@ class Regimes:
 def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     """Run both worlds at all points; `part` of the published length, for a trial."""
     found = {world: regimes(*names, overrides, part) for world, names in WORLDS.items()}
-    return Page(_table(found), _figure(found))
+    return Page(_table(found), figure_of(found))
 
 
 def regimes(experiment: str, learning: str, still: str, overrides: Sequence[str], part: float = 1.0) -> Regimes:
@@ -112,7 +112,8 @@ def _table(found: dict[str, Regimes]) -> str:
     return table(head, rows)
 
 
-def _figure(found: dict[str, Regimes]) -> Figure:
+@styled
+def figure_of(found: dict[str, Regimes]) -> Figure:
     drawn, axes = figure(1, len(found), width=8.4, height=3.6)
     for axis, (world, regime) in zip(axes, found.items(), strict=True):
         gains = np.broadcast_to(regime.gain[:, None], regime.dose.shape)
@@ -121,7 +122,7 @@ def _figure(found: dict[str, Regimes]) -> Figure:
         )
         axis.plot(regime.threshold, regime.gain, color="black", label="mean dopamine 0 before learning")
         axis.set(xscale="log", xlabel="Dose of an item (µM ms)", title=world)
-        axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2))
-    axes[0].set_ylabel("Gain of exploration")
+        axis.set(ylabel="Gain of exploration" if axis is axes[0] else "")
+    legend(drawn, loc="outside lower center")
     drawn.colorbar(points, ax=list(axes), label="Trials that learn (%)")
     return drawn

@@ -29,7 +29,7 @@ class Ending:
         columns: of trials.csv, [B] each; what is nan is left empty.
         results: of the summary.
         arrays: of series.npz besides the samples.
-        pictures: PNG files, by their names.
+        pictures: PNG and SVG files, by their names.
     """
 
     columns: Mapping[str, np.ndarray]
@@ -123,16 +123,16 @@ def end_of_task(simulation: Simulation[Task], series: Series) -> Ending:
 
 
 def draw_task(task: Task, series: Series) -> dict[str, bytes]:
-    """What came of a task as PNG files, by their names; needs the extra `figures`."""
-    from snnrl.drawing import task_figures
+    """What came of a task as PNG and SVG files, by their names; needs the extra `figures`."""
+    from snnrl.drawing import style, task_figures
 
-    pictures = {}
+    drawn = {}
     if task.coincidence is not None:
-        pictures["reinforcement.png"] = task_figures.draw_reinforcement(series)
+        drawn["reinforcement"] = task_figures.draw_reinforcement(series)
     if task.stimuli is not None:
         rewarded, window = task.stimuli.rewarded, task.stimuli.window
-        pictures["conditioning.png"] = task_figures.draw_conditioning(series, rewarded, window)
-    return pictures
+        drawn["conditioning"] = task_figures.draw_conditioning(series, rewarded, window)
+    return {f"{name}{kind}": file for name, figure in drawn.items() for kind, file in style.encoded(figure).items()}
 
 
 def largest_weight(simulation: Simulation[Any]) -> float:

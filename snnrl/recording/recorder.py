@@ -148,19 +148,19 @@ class Recorder:
 
     def picture(self) -> None:
         """Show the first trial: where its robot has been, who has fired, its weights."""
-        from snnrl.drawing import snapshots  # which need Pillow
+        from snnrl.drawing import pictures  # which need Matplotlib
 
         network, world, fired = self.simulation.network, self.simulation.situation.world, self.film.fired.numpy()
         shown = {
-            f"last {PATH // 1000} s in the arena": snapshots.arena(world, self.film.path.numpy(), int(network.time)),
-            "last spikes": snapshots.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
-            "weights": snapshots.weight_matrix(network, self.followed or list(network.projections.values())),
+            f"last {PATH // 1000} s in the arena": pictures.arena(world, self.film.path.numpy(), int(network.time)),
+            "last spikes": pictures.spike_raster(network, fired, self.simulation.seconds - len(fired) / 1000.0),
+            "weights": pictures.weight_matrix(network, self.followed or list(network.projections.values())),
         }
         for tag, drawn in shown.items():
             if drawn is not None:
                 trial = int(network.draws.trials[0])
                 for logger in self.loggers.values():
-                    logger.figure(f"trial {trial}/{tag}", drawn, self._step)
+                    logger.figure(f"trial {trial}/{tag}", pictures.pixels(drawn), self._step)
 
     def save(self) -> tuple[dict[str, float | None], dict[str, Any]]:
         """Write the files of a complete run but its summary, and end the loggers; returns the results, and the alarms.

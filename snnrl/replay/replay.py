@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from snnrl.configuration.compose import load
-from snnrl.drawing.style import png
+from snnrl.drawing import style
 from snnrl.engines import make_engine
 from snnrl.errors import ConfigError
 from snnrl.files import FolderError, npz_of, write
@@ -74,10 +74,10 @@ def save(recording: Recording, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write(folder / "spikes.npz", spikes_of(recording))
     write(folder / "credit.csv", recording.credit.table())
-    write(folder / "raster.png", png(draw_raster(recording), 150))
+    style.save(draw_raster(recording), folder / "raster")
     explained = draw_credit(recording)
     if explained is not None:
-        write(folder / "credit.png", png(explained, 150))
+        style.save(explained, folder / "credit")
     animate(recording, folder)
 
 

@@ -17,18 +17,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from PIL import Image
 
-from snnrl.drawing.palette import ATTRACTION, AVOIDANCE, CONTAINER, FOOD, OTHER, POISON
-from snnrl.drawing.pictures import draw_world
-from snnrl.drawing.style import STYLE, figure
+from snnrl.drawing import charts, style
+from snnrl.drawing.palette import ATTRACTION, AVOIDANCE, CONTAINER, DOPAMINE, EDGE, FOOD, INK, OTHER, POISON
+from snnrl.drawing.pictures import draw_world, spans
+from snnrl.drawing.style import STYLE, figure, legend, spoken, styled
 from snnrl.replay.trial import Recording
 from snnrl.schema import FOOD as SCORED
 
 FRAMES = 220  # of an animation at most
 SHORTEST, LONGEST = 40, 140  # ms that a frame is shown
 RECENT = 10_000  # ms of the robot's path
-DOPAMINE, PATH = "#EE7733", "#332288"
-TOUCHED = {SCORED: FOOD, "food_container": CONTAINER, "empty_container": "#999933", "poison": POISON}
-GROUPS = ("#332288", "#117733", "#882255", "#0077AA")  # in turn
+TOUCHED = {SCORED: FOOD, "food_container": CONTAINER, "empty_container": EDGE, "poison": POISON}
 
 
 def animate(recording: Recording, folder: Path) -> None:
@@ -68,8 +67,8 @@ def _frames(recording: Recording, ticks: range) -> Iterator[Image.Image]:
         now = (start + np.arange(len(recording.levels))) / 1000
         strip.plot(now, recording.levels, color=DOPAMINE, linewidth=0.8)
         cursor = strip.axvline(start / 1000, color="black", linewidth=1.0)
-        strip.set(xlim=(start / 1000, recording.end / 1000), xlabel="time (s)")
-        strip.set_title("dopamine (uM)", fontsize=8, pad=3)
+        strip.set(xlim=(start / 1000, recording.end / 1000), xlabel=style.TIME)
+        strip.set_title(style.LEVEL, fontsize=8, pad=3)
     way = np.array([scene["position"][0].tolist() for scene in recording.scenes])
     eaten = recording.touches[SCORED].cumsum() if SCORED in recording.touches else np.zeros(len(way), int)
     for k in ticks:
@@ -86,7 +85,6 @@ def _frames(recording: Recording, ticks: range) -> Iterator[Image.Image]:
         arena.set_title(f"{at:.1f} s", loc="left", fontsize=10, family="DejaVu Sans Mono")
         what = "poison" if recording.poison[k] else "food"
         arena.set_title(f"trial {recording.trial}    {what} taken {eaten[k]}", loc="right", fontsize=9, weight="normal")
-        arena.set(ylabel="y (cm)")
         if cursor is not None:
             cursor.set_xdata([at, at])
         canvas.draw()
@@ -100,38 +98,26 @@ def _draw_path(axis: Axes, way: np.ndarray, side: float) -> None:
     steps = np.stack([way[:-1], way[1:]], 1)
     inside = (np.abs(np.diff(steps, axis=1)) < 0.5 * side).all((1, 2))
     alpha = np.linspace(0.05, 0.9, len(steps))
-    lines = LineCollection(list(steps[inside]), colors=PATH, linewidths=1.4, alpha=alpha[inside], zorder=1.5)
+    lines = LineCollection(list(steps[inside]), colors=INK, linewidths=1.4, alpha=alpha[inside], zorder=1.5)
     axis.add_collection(lines, autolim=False)
 
 
+@styled
 def draw_raster(recording: Recording) -> Figure:
     """All spikes by group, with what was touched, dopamine, and what the motors chose."""
-    with mpl.rc_context(STYLE):
-        return _draw_raster(recording)
-
-
-def _draw_raster(recording: Recording) -> Figure:
     network = recording.simulation.network
     heights = (0.03 * network.size + 0.6, 1.0, 0.7)
     drawn, axes = figure(3, 1, width=11, height=sum(heights) + 0.6, sharex=True, height_ratios=heights)
     spikes, level, wheels = axes
-    for k, group in enumerate(network.groups.values()):
-        of = (recording.neuron >= group.start) & (recording.neuron < group.start + group.size)
-        colour = GROUPS[k % len(GROUPS)]
-        spikes.plot(recording.time[of] / 1000, recording.neuron[of], "|", color=colour, ms=2.0, mew=0.6)
-        spikes.axhline(group.start - 0.5, color="#cccccc", linewidth=0.6)
-    middles = [group.start + 0.5 * group.size for group in network.groups.values()]
-    labels = [f"{name.replace('_', ' ')} ({group.size})" for name, group in network.groups.items()]
-    spikes.set(yticks=middles, yticklabels=labels, ylim=(network.size - 0.5, -0.5))
-    spikes.grid(False)
-    spikes.tick_params(axis="y", length=0)
+    charts.raster(spikes, recording.time / 1000, recording.neuron, spans(network))
+    spikes.set(xlabel="")
     if len(recording.levels):
         level.plot((recording.start + np.arange(len(recording.levels))) / 1000, recording.levels, color=DOPAMINE, lw=1)
-    level.set(ylabel="dopamine (uM)")
+    level.set(ylabel=style.LEVEL)
     ticks = (recording.start + recording.tick * np.arange(len(recording.wheels) + 1)) / 1000
     wheels.stairs(-recording.wheels, ticks, color=OTHER, linewidth=0.8, baseline=None)
-    wheels.set(yticks=(-1, 0, 1), yticklabels=("right", "straight", "left"), ylim=(-1.4, 1.4), ylabel="turn")
-    wheels.set(xlabel="time (s)", xlim=(ticks[0], ticks[-1]))
+    wheels.set(yticks=(-1, 0, 1), yticklabels=("right", "straight", "left"), ylim=(-1.4, 1.4), ylabel="Turn")
+    wheels.set(xlabel=style.TIME, xlim=(ticks[0], ticks[-1]))
     _mark_touches(recording, list(axes), ticks)
     return drawn
 
@@ -141,7 +127,7 @@ def _mark_touches(recording: Recording, axes: list[Axes], ticks: np.ndarray) -> 
         poison, colour = recording.poison & (name == SCORED), TOUCHED.get(name, OTHER)
         for bad in (False, True):
             at = ticks[:-1][(touches > 0) & (poison == bad)]
-            label = ("poison" if bad else name.replace("_", " ")) + " touched"
+            label = ("poison" if bad else spoken(name)) + " touched"
             style: Any = {"color": POISON if bad else colour, "linewidth": 1.4, "alpha": 0.7, "zorder": 0}
             for axis in axes:
                 lines = axis.vlines(at, 0, 1, transform=axis.get_xaxis_transform(), **style)
@@ -151,6 +137,7 @@ def _mark_touches(recording: Recording, axes: list[Axes], ticks: np.ndarray) -> 
         axes[0].legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=4, borderaxespad=0.1)
 
 
+@styled
 def draw_credit(recording: Recording) -> Figure | None:
     """What each transient did to each projection, and the two synapses that the largest changed most, explained."""
     credit = recording.credit
@@ -158,17 +145,16 @@ def draw_credit(recording: Recording) -> Figure | None:
         return None
     number = int(np.argmax([np.abs(reward.change).sum() for reward in credit.rewards]))
     reward = credit.rewards[number]
-    with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(10, 8.6))
-        top, bottom = np.asarray(drawn.subfigures(2, 1, height_ratios=(1, 1.5)))
-        table, cloud = top.subplots(1, 2, width_ratios=(1.9, 1))
-        axes = bottom.subplots(3, 2, sharex="col", height_ratios=(0.7, 1.4, 1))
-        _draw_table(table, recording, number)
-        _draw_cloud(cloud, recording, number)
-        for column, k in enumerate((int(reward.change.argmax()), int(reward.change.argmin()))):
-            _draw_synapse(axes[:, column], recording, number, k)
-        for row in axes:
-            row[1].set(ylabel="")
+    drawn = Figure(figsize=(10, 8.6))
+    top, bottom = np.asarray(drawn.subfigures(2, 1, height_ratios=(1, 1.5)))
+    table, cloud = top.subplots(1, 2, width_ratios=(1.9, 1))
+    axes = bottom.subplots(3, 2, sharex="col", height_ratios=(0.7, 1.4, 1))
+    _draw_table(table, recording, number)
+    _draw_cloud(cloud, recording, number)
+    for column, k in enumerate((int(reward.change.argmax()), int(reward.change.argmin()))):
+        _draw_synapse(axes[:, column], recording, number, k)
+    for row in axes:
+        row[1].set(ylabel="")
     return drawn
 
 
@@ -216,8 +202,9 @@ def _draw_cloud(axis: Axes, recording: Recording, number: int) -> None:
             axis.plot(reward.eligibility[of], reward.change[of], ".", color=colour, ms=3, alpha=0.5, label=label)
     axis.axhline(0, color="#999999", linewidth=0.6)
     axis.axvline(0, color="#999999", linewidth=0.6)
-    axis.set(xlabel="eligibility at the reward", ylabel="change of weight (mV)", title=f"reward {number}: all synapses")
-    axis.legend(markerscale=3)
+    axis.set(xlabel="Eligibility at the reward (mV/(µM ms))", ylabel="Change of weight (mV)")
+    axis.set(title=f"reward {number}: all synapses")
+    legend(axis, markerscale=3)
 
 
 def _draw_synapse(axes: Any, recording: Recording, number: int, k: int, back: int = 1500) -> None:
@@ -229,7 +216,7 @@ def _draw_synapse(axes: Any, recording: Recording, number: int, k: int, back: in
     for row, neuron in enumerate(reversed(synapse.ends)):
         train = credit.trains[neuron]
         train = train[(train >= low) & (train < high)]
-        spikes.plot(train / 1000, np.full(len(train), row), "|", color=PATH, ms=9, mew=1.2)
+        spikes.plot(train / 1000, np.full(len(train), row), "|", color=INK, ms=9, mew=1.2)
     decayed, rest = credit.eligibility(k, reward.start)
     largest = max(float(np.abs(decayed).max(initial=0.0)), 1e-12)
     for pre, post, value in zip(pairs.pre, pairs.post, decayed, strict=False):
@@ -238,7 +225,7 @@ def _draw_synapse(axes: Any, recording: Recording, number: int, k: int, back: in
             spikes.plot([pre / 1000, post / 1000], [0.8, 0.2], color=colour, alpha=strength, linewidth=1.0)
     at = np.arange(low, high)
     eligibility = [parts.sum() + left for parts, left in (credit.eligibility(k, t) for t in at.tolist())]
-    trace.plot(at / 1000, eligibility, color=PATH)
+    trace.plot(at / 1000, eligibility, color=INK)
     trace.axhline(0, color="#999999", linewidth=0.6)
     trace.plot(reward.start / 1000, reward.eligibility[k], "o", color=DOPAMINE, ms=5)
     text = f"{reward.eligibility[k]:+.3f} = {np.sum(decayed > 0)} gains {decayed[decayed > 0].sum():+.3f}, "
@@ -261,5 +248,5 @@ def _draw_synapse(axes: Any, recording: Recording, number: int, k: int, back: in
     spikes.set(title=f"{kind} most: {name}, {synapse.pre} \u2192 {synapse.post}", yticks=(0, 1), ylim=(-0.5, 1.5))
     spikes.set_yticklabels(("post", "pre"))
     spikes.grid(False)
-    trace.set(ylabel="eligibility")
-    level.set(ylabel="dopamine (uM)", xlabel="time (s)", xlim=(low / 1000, high / 1000))
+    trace.set(ylabel=style.ELIGIBILITY)
+    level.set(ylabel=style.LEVEL, xlabel=style.TIME, xlim=(low / 1000, high / 1000))

@@ -12,12 +12,14 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from snnrl.drawing.palette import OTHER
-from snnrl.drawing.style import figure
+from snnrl.configuration.compose import compose
+from snnrl.drawing.palette import CYCLE, OTHER, PALE
+from snnrl.drawing.style import figure, legend, quantity, styled
 from snnrl.recording.runs import Run
-from snnrl.schema import PlasticityConfig
+from snnrl.schema import PlasticityConfig, bounds_of
 from snnrl.thesis.box import FREE, Choice
 from snnrl.thesis.loss import FARTHEST
+from snnrl.thesis.published import published
 from snnrl.thesis.verdicts import p_greater
 
 CALIBRATION, POINTS = (Path(__file__).with_name(f"calibration.{kind}") for kind in ("json", "csv"))
@@ -150,13 +152,13 @@ def best_region(found: Mapping[str, np.ndarray]) -> tuple[str, list[str]]:
     return best, region
 
 
+@styled
 def heat_maps(runs: Mapping[str, Run]) -> Figure:
-    """Mean score over both planes of the grid; points that are not worse than the best are dotted."""
+    """Mean score over both planes of the grid, the published point, and points that are not worse than the best."""
     found = scores(runs)
     _, region = best_region(found)
     drawn, axes = figure(1, 2, width=7.2, height=3.3)
     means = [values.mean() for values in found.values()]
-    units = {"potentiation": "mV/(uM ms)", "depression": "mV/(uM ms)", "tau_plus": "ms", "tau_minus": "ms"}
     for axis, (x, y) in zip(axes, PLANES, strict=True):
         points = [(point_of(name), name) for name in found if set(point_of(name)) == {x, y}]
         across, up = (sorted({point[key] for point, _ in points}) for key in (x, y))
@@ -165,7 +167,9 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
             row, column = up.index(point[y]), across.index(point[x])
             score[row, column] = found[name].mean()
             if name in region:
-                axis.plot(column, row + 0.3, ".", color="white", ms=4)
+                axis.plot(
+                    column, row + 0.33, ".", color="white", mec="black", mew=0.5, ms=6, label="not worse than best"
+                )
         image = axis.imshow(score, origin="lower", cmap="viridis", vmin=min(means), vmax=max(means), aspect="auto")
         for (row, column), value in np.ndenumerate(score):
             dark = value < 0.5 * (min(means) + max(means))
@@ -175,11 +179,30 @@ def heat_maps(runs: Mapping[str, Run]) -> Figure:
         axis.grid(False)
         axis.set_xticks(range(len(across)), [f"{value:g}" for value in across])
         axis.set_yticks(range(len(up)), [f"{value:g}" for value in up])
-        axis.set(xlabel=f"{x} ({units[x]})", ylabel=f"{y} ({units[y]})")
-    drawn.colorbar(image, ax=axes, label="items in a trial, mean")
+        theirs = [place_of(published()["stdp_search"][key], at) for key, at in ((x, across), (y, up))]
+        axis.plot(*theirs, "s", ms=26, mfc="none", mec=CYCLE[3], mew=1.5, label="published best point")
+        labels = (axis_name(f"network.plasticity.{key}") for key in (x, y))
+        axis.set(**dict(zip(("xlabel", "ylabel"), labels, strict=True)))
+    drawn.colorbar(image, ax=axes, label="Mean food in a trial (items)")
+    legend(drawn, loc="outside lower center", ncols=2, markerscale=0.4)
     return drawn
 
 
+def place_of(value: float, along: Sequence[float]) -> float:
+    """Where a value is on an axis whose ticks, in equal steps, are some others; between them by its logarithm."""
+    return float(np.interp(np.log(value), np.log(along), range(len(along)), np.nan, np.nan))
+
+
+def axis_name(key: str) -> str:
+    """What an axis is called that has values of a key of the configuration: with its unit, if it has one."""
+    node: Any = compose("+experiment=dual_learning")
+    *parts, last = key.split(".")
+    for part in parts:
+        node = node[part] if isinstance(node, dict) else getattr(node, part)
+    return quantity(short_name(key), bounds_of(node, last)["unit"])
+
+
+@styled
 def history(_: Mapping[str, Run]) -> Figure | None:
     """Every point of the calibration, and the best so far."""
     searched = [point for point in points() if point.of == "search"]
@@ -188,9 +211,9 @@ def history(_: Mapping[str, Run]) -> Figure | None:
     losses, numbers = [point.loss for point in searched], [point.number for point in searched]
     drawn, axis = figure(height=2.6)
     axis.plot(numbers, losses, ".", color=OTHER, label="a point that every cell has judged")
-    axis.step(numbers, np.minimum.accumulate(losses), where="post", color="#0072B2", label="best so far")
+    axis.step(numbers, np.minimum.accumulate(losses), where="post", color=CYCLE[0], label="best so far")
     axis.set(xlabel="Point of the study", ylabel=f"RMS distance ({_unit()})", ylim=(0, None))
-    axis.legend(loc="upper right")
+    legend(axis, loc="upper right")
     return drawn
 
 
@@ -203,6 +226,7 @@ def short_name(key: str) -> str:
     return " ".join(key.split(".")[-2:]).replace("_", " ")
 
 
+@styled
 def pinned(_: Mapping[str, Run]) -> Figure | None:
     """The loss over each free value, with the points within noise of the best."""
     found = points()
@@ -217,22 +241,22 @@ def pinned(_: Mapping[str, Run]) -> Figure | None:
         named = sorted({str(point.values[key]) for point in searched})
         numeric = all(isinstance(point.values[key], float) for point in searched)
         for shown, colour, label, size in (
-            (searched, "#BBBBBB", "a point that every cell has judged", 4),
-            (near, "#0072B2", "within noise of the best", 6),
+            (searched, PALE, "a point that every cell has judged", 4),
+            (near, CYCLE[0], "within noise of the best", 6),
         ):
             if not shown:
                 continue
             x = [point.values[key] if numeric else named.index(str(point.values[key])) for point in shown]
             axis.plot(x, [point.loss for point in shown], ".", color=colour, ms=size, label=label)
         if not numeric:
-            axis.set_xticks(range(len(named)), named, fontsize=7)
+            axis.set_xticks(range(len(named)), [name.replace("_", " ") for name in named], fontsize=7)
             axis.set_xlim(-0.5, len(named) - 0.5)
-        axis.set_xlabel(short_name(key), fontsize=7)
+        axis.set_xlabel(axis_name(key) if numeric else quantity(short_name(key), ""), fontsize=7)
     for axis in axes.flat[len(keys) :]:
         axis.set_axis_off()
     for axis in axes[:, 0]:
-        axis.set_ylabel("RMS distance")
-    drawn.legend(*axes.flat[0].get_legend_handles_labels(), loc="outside upper right", ncols=2)
+        axis.set_ylabel(f"RMS distance\n({_unit()})")
+    legend(drawn, loc="outside upper right", ncols=2)
     return drawn
 
 
@@ -268,6 +292,7 @@ def front(pairs: Sequence[tuple[float, float]]) -> list[int]:
     return result
 
 
+@styled
 def fronts(_: Mapping[str, Run]) -> Figure | None:
     """Cells that cannot be had together: every point by its distance from both, and those that none beats."""
     searched = [point for point in points() if point.of == "search"]
@@ -277,15 +302,17 @@ def fronts(_: Mapping[str, Run]) -> Figure | None:
     for axis, (across, first, up, second) in zip(axes, FRONTS, strict=True):
         pairs = [(rms(point, first), rms(point, second)) for point in searched]
         colours = [point.values["coding.exploration_gain"] for point in searched]
-        shown = axis.scatter(*zip(*pairs, strict=True), c=colours, s=10, cmap="viridis")
+        shown = axis.scatter(*zip(*pairs, strict=True), c=colours, s=10, cmap="viridis", label="a point of the search")
         best = [pairs[k] for k in front(pairs)]
-        axis.step(*zip(*best, strict=True), where="post", color="#D55E00", lw=1.2, label="none is better in both")
-        axis.set(xlabel=f"{across}: RMS distance", ylabel=f"{up}: RMS distance", xlim=(0, None), ylim=(0, None))
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside upper left")
-    drawn.colorbar(shown, ax=axes, label="exploration gain")
+        axis.step(*zip(*best, strict=True), where="post", color=CYCLE[3], lw=1.2, label="none is better in both")
+        axis.set(xlabel=f"{across}: RMS distance\n({_unit()})", xlim=(0, None), ylim=(0, None))
+        axis.set(ylabel=f"{up}: RMS distance\n({_unit()})")
+    legend(drawn, loc="outside upper left")
+    drawn.colorbar(shown, ax=axes, label=axis_name("coding.exploration_gain"))
     return drawn
 
 
+@styled
 def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     """How each cell moves when one value is changed."""
     record = calibration() or {}
@@ -302,9 +329,11 @@ def sensitivity(_: Mapping[str, Run]) -> Figure | None:
         if abs(value) >= 0.05:
             colour = "white" if abs(value) > 0.6 * FARTHEST else "black"
             axis.text(column, row, f"{value:+.1f}", ha="center", va="center", fontsize=6, color=colour)
-    names = [f"{'.'.join(point['change'][0].split('.')[-2:])}={point['change'][1]}" for point in changed]
+    names = [
+        f"{quantity(short_name(key), '')} = {value}".replace("_", " ") for key, value in (p["change"] for p in changed)
+    ]
     axis.grid(False)
     axis.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
     axis.set_yticks(range(len(cells)), [cell.replace("_", " ") for cell in cells], fontsize=7)
-    drawn.colorbar(image, ax=axis, label=f"change of the cell's distance ({record['unit']})", shrink=0.7)
+    drawn.colorbar(image, ax=axis, label=f"Change of the cell's distance ({record['unit']})", shrink=0.7)
     return drawn

@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from snnrl.configuration.compose import compose
-from snnrl.drawing import style
+from snnrl.drawing.style import spoken
 from snnrl.recording.criteria import LEAD, STRENGTH
 from snnrl.thesis import figures, fit, methods
 from snnrl.thesis.claims import FIVE_ROBOTS, Runs
@@ -65,7 +65,7 @@ def failure_caption(runs: Runs) -> str:
     found = failure(runs)
     assert found is not None
     name, row, side = found
-    experiment, _, robot = style.robot_name(name).partition("/")
+    experiment, _, robot = spoken(name).partition("/")
     return (
         f"A trial that fails: trial {runs[name].trials['trial'][row]:.0f} of {robot} in {experiment}, {side} side. To "
         f"be correct, the mean weight of attraction must at the end of a trial exceed {STRENGTH:g} mV (dashed) and "

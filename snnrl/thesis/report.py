@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
-import matplotlib as mpl
 import numpy as np
-from matplotlib.figure import Figure
 from PIL import Image
 
-from snnrl.drawing import style
+from snnrl.drawing.palette import ROBOTS
+from snnrl.drawing.style import encoded, spoken
 from snnrl.files import finite, write, write_json
 from snnrl.recording.runs import Run
 from snnrl.thesis.claims import Claim, claims, escapes, first_food
@@ -80,9 +79,9 @@ def row(cell: Cell) -> dict[str, str]:
         "" if scale == 100 or not cell.published.mean else f" ({round(100 * d.value / cell.published.mean):+d} %)"
     )
     return {
-        "experiment": style.robot_name(cell.experiment),
-        "robot": style.robot_name(cell.robot),
-        "colour": style.ROBOTS[cell.robot],
+        "experiment": spoken(cell.experiment),
+        "robot": spoken(cell.robot),
+        "colour": ROBOTS[cell.robot],
         "quantity": cell.quantity,
         "published": shown(cell.published, cell.unit),
         "ours": shown(cell.ours, cell.unit),
@@ -104,10 +103,8 @@ def claim_row(claim: Claim) -> dict[str, Any]:
     }
 
 
-def compressed(drawn: Figure) -> bytes:
-    """A figure as a compressed picture: few colours are enough for lines and areas."""
-    with mpl.rc_context(style.STYLE):
-        content = style.png(drawn, 170)
+def compressed(content: bytes) -> bytes:
+    """A PNG file made smaller: few colours are enough for lines and areas."""
     picture = Image.open(io.BytesIO(content)).convert("RGB").quantize(128, dither=Image.Dither.NONE)
     buffer = io.BytesIO()
     picture.save(buffer, "PNG", optimize=True)
@@ -169,11 +166,11 @@ def write_report(
 def _pictures(folder: Path, runs: Mapping[str, Run]) -> dict[str, list[dict[str, str]]]:
     """Write every figure to `folder`; what the templates need of them, by section."""
     pictures: dict[str, list[dict[str, str]]] = {}
-    with mpl.rc_context(style.STYLE):
-        drawn = drawings(runs)
-    for drawing, shape in drawn:
-        content = compressed(shape)
+    for drawing, shape in drawings(runs):
+        files = encoded(shape, 170)
+        content = compressed(files[".png"])
         write(folder / f"{drawing.name}.png", content)
+        write(folder / f"{drawing.name}.svg", files[".svg"])
         section = "3" if drawing.section.startswith("3") else drawing.section
         pictures.setdefault(section, []).append(
             {

@@ -217,5 +217,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
         options.results.mkdir(parents=True, exist_ok=True)
         shutil.copy(folder / "report.md", options.results / "README.md")
         shutil.copy(folder / "report.json", options.results / "report.json")
-        shutil.copytree(folder / "figures", options.results / "figures", dirs_exist_ok=True)
+        bitmaps = shutil.ignore_patterns("*.svg")
+        shutil.copytree(folder / "figures", options.results / "figures", ignore=bitmaps, dirs_exist_ok=True)
     print(f"report: {folder / 'report.html'}")
