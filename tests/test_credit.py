@@ -73,7 +73,7 @@ def test_every_role_has_its_row() -> None:
     assert all(parts.shape == (len(time), 2, len(PARTS)) for parts in roles.values())
     assert all((parts[0] == 0).all() for parts in roles.values())
     assert credit._table({"food": (time, roles)}).count("\n") == 4
-    assert credit._figure({"food": (time, roles)}).axes
+    assert credit.figure_of({"food": (time, roles)}).axes
 
 
 @pytest.mark.parametrize(

@@ -299,5 +299,4 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     unfed = (f"seconds={back:g}", f"world.kinds.food={{absent_from: 0, absent_until: {usual.seconds:g}}}")
     never = {name: live([*overrides, *control, *unfed], samples) for name, control in CONTROLS.items()}
     tables = (open_loop_table(found), second_cue_table(others), lives_table(lives, never, gone, back))
-    tables += (usual_table(overrides, part),)
-    return Page("\n".join(tables), draw(found, lives, gone, back))
+    return Page("\n".join((*tables, usual_table(overrides, part))), draw(found, lives, gone, back))
