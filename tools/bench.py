@@ -11,7 +11,7 @@ and random numbers alone would allow on as many processors at once (`tools/limit
 `tools/causes.py` says what the rest is spent on.
 Then come Gymnasium environments, in steps of one environment per second, `--steps` of a batch, or a 25th of them where
 the world is plain torch; one alone is that of `gymnasium.make`, with its wrappers. The last lines say what share of a
-whole run of `--recorded` s its recording takes at its defaults, without imports.
+whole run of `--recorded` s its recording takes, without imports: at its defaults, and without pictures.
 """
 
 from __future__ import annotations
@@ -46,17 +46,18 @@ from snnrl.running.loggers import loggers_of
 from snnrl.running.signals import Signals
 
 ENVIRONMENTS = ("snnrl/FoodAttraction-v0", "snnrl/DualLearning-v0")
+RECORDED = {"recording_percent_of_run": (), "recording_without_pictures_percent_of_run": ("record.pictures=0",)}
 BATCHES = (1, 256)  # environments at once
 SLOWER = 25  # times fewer steps of the reference
 
 
-def recording(engine: Engine, device: str, robot: str, trials: int, seconds: float) -> float:
+def recording(engine: Engine, device: str, robot: str, trials: int, seconds: float, *recorded: str) -> float:
     """Share of a run (%) that its recording takes: of two runs, with it and without it, one after the other."""
     without = ("record.tensorboard=false", f"record.every={seconds}", f"record.start={seconds}")
     torch.set_num_threads(1)  # as in every run on this engine
     spent = []
     with TemporaryDirectory() as parent, redirect_stderr(io.StringIO()):
-        for name, options in (("with", ()), ("without", without)):
+        for name, options in (("with", recorded), ("without", without)):
             config = compose(
                 f"+experiment={ROBOTS[robot]}", f"trials={trials}", f"seconds={seconds}", f"device={device}", *options
             )
@@ -152,11 +153,13 @@ def main() -> None:
         environments(arguments.steps, arguments.repeats)
     for robot in ROBOTS:
         for trials in arguments.trials:
-            shares = [
-                recording(engine, arguments.device, robot, trials, arguments.recorded) for _ in range(arguments.repeats)
-            ]
             case = {"robot": robot, "trials": trials, "seconds": arguments.recorded}
-            print(json.dumps({**case, "recording_percent_of_run": summary_of(shares, 1)}), flush=True)
+            for name, options in RECORDED.items():
+                shares = [
+                    recording(engine, arguments.device, robot, trials, arguments.recorded, *options)
+                    for _ in range(arguments.repeats)
+                ]
+                print(json.dumps({**case, name: summary_of(shares, 1)}), flush=True)
     machine = {"machine": platform.processor() or platform.machine(), "torch": torch.__version__}
     if arguments.device != "cpu":
         machine["gpu"] = torch.cuda.get_device_name(arguments.device)
