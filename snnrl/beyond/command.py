@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import avoidance, chain, changing_world, credit, extinction, regimes
+from snnrl.beyond import avoidance, chain, changing_world, credit, extinction, obstacles, regimes
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
@@ -29,6 +29,7 @@ EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
     "regimes": regimes.make,
     "avoidance": avoidance.make,
     "credit": credit.make,
+    "obstacles": obstacles.make,
 }
 
 
