@@ -268,9 +268,9 @@ class KindConfig:
     count: int = key("how many there are, besides those that others hold", "", 0, least=0, most=100_000)
     radius: float = key("of each", "cm", above=0.0)
     touched: str = key(
-        "what happens to one that is touched: taken, it reappears elsewhere; or it is entered",
+        "what happens to one that is touched: taken, it reappears elsewhere; or it is entered; or it stops the robot",
         default="taken",
-        choices=("taken", "entered"),
+        choices=("taken", "entered", "stops"),
     )
     holds: str = key("kind of the thing that each of them holds", default="")
     contains: str = key(
@@ -284,7 +284,8 @@ class KindConfig:
         "kinds that can only be entered after one of these was touched, until what they hold is taken", default=list
     )
     avoids: list[str] = key(
-        "where none of them lands, as far as world.attempts reach: on the robot, or on containers", default=list
+        "where none of them lands, as far as world.attempts reach: on the robot, on containers, or on obstacles",
+        default=list,
     )
     sign: int = key("1, or -1 where what touching releases lowers a modulator (poison)", "", 1, least=-1, most=1)
     poison_from: float | None = key("when the sign turns; null for never", "s", None, least=0.0, most=1e9)

@@ -88,7 +88,7 @@ def test_what_is_there_is_changed_by_a_table_too() -> None:
         (
             "network=3",
             "network=3: must be one of avoidance, chain, food_container, food_only, food_poison, food_taxis_given, "
-            "in_network, izhikevich_2007, predicting; ~network leaves it out",
+            "in_network, izhikevich_2007, obstacles, predicting; ~network leaves it out",
         ),
         ("robot=null", "robot=None: must be one of background, benchmark"),
         ("+world=food_only", "world: is chosen already; to choose another write world=NAME"),

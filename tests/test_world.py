@@ -34,7 +34,7 @@ def drove(
 ) -> tuple[list[float], float]:
     """Where a robot of axle 1 cm is after one step on a torus of side 100."""
     x, y, left, right = double(*position, *wheels)
-    x, y, turned = drive(x, y, double(heading)[0], left, right, seconds, 1.0, 100.0)
+    x, y, turned = drive(x, y, double(heading)[0], left, right, seconds, 1.0, 100.0, double(math.inf)[0])
     return [float(x), float(y)], float(turned)
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import avoidance, chain, changing_world, credit, extinction, in_network, regimes
+from snnrl.beyond import avoidance, chain, changing_world, credit, extinction, in_network, obstacles, regimes
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
@@ -30,6 +30,7 @@ EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
     "avoidance": avoidance.make,
     "in_network": in_network.make,
     "credit": credit.make,
+    "obstacles": obstacles.make,
 }
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 
 import torch
 from torch import nn
 
+from snnrl.body.world.kinds import AVOIDED
 from snnrl.configuration.parts import (
     modulator_key,
     modulators,
@@ -228,7 +230,7 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
             allowed = f"must be greater than {world.kinds[kind.holds].radius:g}, the radius of {kind.holds} in it"
             raise ConfigError(f"world.kinds.{name}.radius", kind.radius, allowed)
         for avoided in kind.avoids:
-            _one_of(f"world.kinds.{name}.avoids", avoided, ("robot", "containers"))
+            _one_of(f"world.kinds.{name}.avoids", avoided, ("robot", *AVOIDED))
         if kind.sign == 0:
             raise ConfigError(f"world.kinds.{name}.sign", 0, "must be 1 or -1")
         for key in ("poison_from", "turns_every", "absent_from"):
@@ -236,6 +238,7 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
                 raise ConfigError(f"world.kinds.{name}.{key}", getattr(kind, key), "needs touched=taken")
         if kind.absent_until is not None and (kind.absent_from is None or kind.absent_until <= kind.absent_from):
             raise ConfigError(f"world.kinds.{name}.absent_until", kind.absent_until, "must be later than absent_from")
+    _check_obstacles(world, coding)
     first = next((kind for kind in world.kinds.values() if kind.count), None)
     if world.orbiting and not (first and first.touched == "taken" and coding.slow < coding.fast):
         raise ConfigError("world.orbiting", True, "needs a first kind that is taken, and coding.slow < coding.fast")
@@ -247,6 +250,23 @@ def _check_world(world: WorldConfig, coding: CodingConfig) -> None:
             if world.side < needed:
                 allowed = f"must be at least {needed:g}, twice what the {name} sensor sees"
                 raise ConfigError("world.side", world.side, allowed)
+
+
+def _check_obstacles(world: WorldConfig, coding: CodingConfig) -> None:
+    """What stops the robot must be seen coming on the torus, and must leave a place for whatever avoids it."""
+    way = 0.5 * (coding.slow + coding.fast) * coding.tick / 1000.0  # in a tick
+    largest = 0.5 * world.side - way
+    obstacles = {name: kind for name, kind in world.kinds.items() if kind.touched == "stops" and kind.count}
+    avoiding = {name: kind for name, kind in world.kinds.items() if "obstacles" in kind.avoids and kind.count}
+    for name, kind in obstacles.items():
+        if kind.radius >= largest:
+            allowed = f"must be less than {largest:g}, half of world.side less the way of a tick"
+            raise ConfigError(f"world.kinds.{name}.radius", kind.radius, allowed)
+        for other, thing in avoiding.items():
+            most = math.ceil(world.side**2 / (math.pi * (kind.radius + thing.radius) ** 2)) - (name != other)
+            if kind.count > most:
+                allowed = f"must be at most {most}, if there is to be a place for {other} apart from them"
+                raise ConfigError(f"world.kinds.{name}.count", kind.count, allowed)
 
 
 def check_task(config: Config) -> None:

@@ -11,6 +11,7 @@ from snnrl.model.elementary import cos, sin, square_root
 
 PRECISION = torch.float64
 TURN = 2.0 * math.pi
+FAR = math.inf  # cm
 
 
 def offset(origin: Tensor, target: Tensor, side: float) -> Tensor:
@@ -20,8 +21,36 @@ def offset(origin: Tensor, target: Tensor, side: float) -> Tensor:
     return torch.where(way < -0.5 * side, way + side, way)
 
 
+def straight(left: Tensor, right: Tensor, seconds: float) -> Tensor:
+    """How far a robot goes along its heading in a step (cm); arguments as for `drive`."""
+    return 0.5 * (left + right) * seconds
+
+
+def room_ahead(dx: Tensor, dy: Tensor, along: Tensor, across: Tensor, radius: Tensor) -> Tensor:
+    """How far one may go straight ahead to the edge of a disc (cm), 0 at or inside of it; infinite if it is not hit.
+
+    Args:
+        dx, dy: the way to the disc's centre, cm.
+        along, across: cosine and sine of the heading.
+        radius: cm.
+    """
+    ahead, aside = dx * along + dy * across, dy * along - dx * across
+    squared = radius * radius - aside * aside
+    hit = (ahead > 0.0) & (squared > 0.0)
+    room = ahead - square_root(torch.where(hit, squared, 0.0))
+    return torch.where(hit, torch.where(room > 0.0, room, 0.0), FAR)
+
+
 def drive(
-    x: Tensor, y: Tensor, heading: Tensor, left: Tensor, right: Tensor, seconds: float, axle: float, side: float
+    x: Tensor,
+    y: Tensor,
+    heading: Tensor,
+    left: Tensor,
+    right: Tensor,
+    seconds: float,
+    axle: float,
+    side: float,
+    room: Tensor,
 ) -> tuple[Tensor, Tensor, Tensor]:
     """One Euler step of a two-wheeled robot: first along the old heading, then the turn.
 
@@ -29,8 +58,9 @@ def drive(
         x, y: cm. heading: rad, anticlockwise from the x axis.
         left, right: speed of the wheels, cm/s.
         seconds: the step. axle: distance of the wheels, cm. side: of the torus, cm.
+        room: what it goes at most, cm; it turns all the same.
     """
-    way = 0.5 * (left + right) * seconds
+    way = torch.minimum(straight(left, right, seconds), room)
     turned = heading + (right - left) / axle * seconds
     return (
         torch.remainder(x + way * cos(heading), side),

@@ -12,8 +12,9 @@ from snnrl.model.draws import stream
 from snnrl.schema import KindConfig, WorldConfig
 
 OUTSIDE = -1  # in place of an object that one is in
-TAKEN, ENTERED = range(2)  # what touching does
-EFFECTS = {"taken": TAKEN, "entered": ENTERED}
+STOPS, TAKEN, ENTERED = range(3)  # what touching does, in the order in which objects find their places
+EFFECTS = {"stops": STOPS, "taken": TAKEN, "entered": ENTERED}
+AVOIDED = {"obstacles": STOPS, "containers": ENTERED}
 NEVER = 1 << 62  # ms
 
 
@@ -25,11 +26,12 @@ class Kinds:
         names: of the kinds.
         radius: float64 [K], cm. speed: float64 [K], factor on the robot's speed inside.
         room: float64 [K], the radius within which the centre of what it holds lies, cm.
-        effect: int64 [K], TAKEN or ENTERED. hides: bool [K], whether from inside only what it holds is sensed.
+        effect: int64 [K], STOPS, TAKEN or ENTERED. hides: bool [K], whether from inside only what it holds is sensed.
         sign: float64 [K], of what touching releases. turns, again: int64 [K], the ms at which that sign turns to the
             opposite, and those from one turn to the next.
         leaves, returns: int64 [K], the ms from which none is there to be sensed or taken, and from which all are again.
-        off_robot, apart: bool [K], whether none lands on the robot, and whether none overlaps what is entered.
+        off_robot: bool [K], whether none lands on the robot.
+        apart: bool [K, 3], whether none overlaps what stops the robot, is taken (never), is entered.
         opens: bool [K, K], whether touching the first opens the second. locked: bool [K], whether it needs that.
         started, moved: [K], streams of the places at the start, and of those after a move.
         counts: int64 [K], of those that are held by nothing.
@@ -90,7 +92,9 @@ class Kinds:
             torch.tensor([_ms(kind.absent_from) for kind in kinds]),
             torch.tensor([_ms(kind.absent_until) for kind in kinds]),
             torch.tensor(["robot" in kind.avoids for kind in kinds]),
-            torch.tensor(["containers" in kind.avoids for kind in kinds]),
+            torch.tensor(
+                [[any(AVOIDED.get(name) == effect for name in kind.avoids) for effect in range(3)] for kind in kinds]
+            ),
             opens,
             opens.any(0),
             tuple(stream("start", name) for name in names),

@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from snnrl.body.world.geometry import drive, in_disc, offset, orbit, within
-from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds, sign_at
+from snnrl.body.world.geometry import drive, in_disc, offset, orbit, room_ahead, straight, within
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, STOPS, TAKEN, Kinds, sign_at
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.model.draws import Draws, stream
 from snnrl.model.elementary import cos, sin
@@ -18,7 +18,8 @@ class World(nn.Module):
 
     Objects are discs of some kind. What is taken when touched reappears elsewhere, with its holder if it has one; what
     is entered has the robot inside until it leaves, more slowly, or until what it holds is taken. What a holder hides
-    is sensed and touched from inside of it only, and nothing else is then.
+    is sensed and touched from inside of it only, and nothing else is then. What stops the robot is not entered: it is
+    held at the edge, and touches it in every tick in which it is.
 
     Args:
         draws: owner of all positions.
@@ -49,6 +50,7 @@ class World(nn.Module):
         device = draws.trials.device
         self.kinds = Kinds.of(config).to(device)
         self.attempts = config.attempts if any(kind.avoids for kind in config.kinds.values()) else 1
+        self.stops = any(kind.touched == "stops" and kind.count for kind in config.kinds.values())
         self.sees = {name: tuple(sensor.sees or [name]) for name, sensor in config.ranges.items()}
         robot = draws.at_start(stream("robot"), 3)
         trials, count = len(robot), len(self.kinds.names)
@@ -115,7 +117,7 @@ class World(nn.Module):
         """Of what was tried for each object, the first that is clear of what its kind avoids, or the last.
 
         One object after the other, in `Kinds.order`: one that has moved is in the way of the next, one that has not
-        been placed yet, at the start, is not.
+        been placed yet, at the start, is not. What stops the robot has its place first.
 
         Args:
             tried: uniform in [0, 1), [B, attempts, M free, 4], of which the first two are a place. [B, M free, 4] back.
@@ -123,7 +125,8 @@ class World(nn.Module):
         """
         kinds, side = self.kinds, self.config.side
         kind = kinds.kind[: kinds.free]
-        radius, solid = kinds.radius[kind], (kinds.effect == ENTERED)[kind]
+        effect = kinds.effect[kind]
+        radius, solid = kinds.radius[kind], effect != TAKEN
         standing = torch.zeros_like(solid) if moving is None else solid.clone()
         places = side * tried[:, 0, :, :2] if moving is None else self.places[:, : kinds.free].clone()
         uniform = tried[:, 0].clone()
@@ -136,10 +139,11 @@ class World(nn.Module):
             overlaps = (
                 within(way[..., 0], way[..., 1], radius[m] + radius)
                 & standing
+                & kinds.apart[kind[m], effect]
                 & (torch.arange(kinds.free, device=kind.device) != m)
             )
             on_robot = within(to_robot[..., 0], to_robot[..., 1], radius[m])
-            blocked = overlaps.any(2) & kinds.apart[kind[m]] | on_robot & kinds.off_robot[kind[m]]
+            blocked = overlaps.any(2) | on_robot & kinds.off_robot[kind[m]]
             which = torch.where(blocked.all(1), self.attempts - 1, (~blocked).long().argmax(1))
             uniform[:, m] = tried[:, :, m].gather(1, which[:, None, None].expand(-1, 1, 4))[:, 0]
             moved = side * uniform[:, m, :2]
@@ -150,7 +154,8 @@ class World(nn.Module):
     def step(self, wheels: Tensor, time: Tensor) -> dict[str, Tensor]:
         """Move the robot through one tick; which kinds it touched, bool [B] by name.
 
-        1. The robot moves, more slowly if it was inside an object.
+        1. The robot moves, more slowly if it was inside an object, and no farther than to the edge of the first that
+           stops it, which it touches.
         2. It is inside the object it was in, if it still is, else the nearest that it is in and that is open; or
            (`overlap: nearest`) the nearest of these in any case. Entering one is touching it.
         3. Objects within touch are taken, unless they are absent, and reappear elsewhere; a holder moves with what it
@@ -165,7 +170,9 @@ class World(nn.Module):
         slowed = torch.where(self.inside >= 0, kinds.speed[self._kind_inside()], 1.0)
         left, right = (wheels * slowed[:, None]).unbind(1)
         x, y = self.position.unbind(1)
-        x, y, heading = drive(x, y, self.heading, left, right, self.tick / 1000.0, self.config.axle, side)
+        seconds = self.tick / 1000.0
+        room, stopped = self._room(straight(left, right, seconds))
+        x, y, heading = drive(x, y, self.heading, left, right, seconds, self.config.axle, side, room)
         self.position.copy_(torch.stack([x, y], 1))
         self.heading.copy_(heading)
         dx, dy = self._way()
@@ -175,7 +182,7 @@ class World(nn.Module):
         present = ~self.absent[:, kinds.kind]
         taken = touching & present & (kinds.effect[kinds.kind] == TAKEN) & (kinds.home == self._place()[:, None])
         self._move(taken, time)
-        touched = torch.zeros_like(self.touches).index_add_(1, kinds.kind, (taken | entered).long())
+        touched = torch.zeros_like(self.touches).index_add_(1, kinds.kind, (taken | entered | stopped).long())
         self.touches += touched
         self._open(touched > 0)
         self._set_sign(touched > 0, time)
@@ -185,6 +192,19 @@ class World(nn.Module):
         """From the robot to the centre of every object, [B, M] along each axis."""
         way = offset(self.position[:, None], self.places, self.config.side)
         return way[..., 0], way[..., 1]
+
+    def _room(self, way: Tensor) -> tuple[Tensor, Tensor]:
+        """How far the robot can go ahead (cm), [B], and what stops it before it has gone its way, bool [B, M]."""
+        kinds = self.kinds
+        if not self.stops:
+            return torch.full_like(way, torch.inf), torch.zeros_like(kinds.kind, dtype=torch.bool).expand(len(way), -1)
+        dx, dy = self._way()
+        along, across = cos(self.heading)[:, None], sin(self.heading)[:, None]
+        room = room_ahead(dx, dy, along, across, kinds.radius[kinds.kind])
+        room = torch.where(kinds.effect[kinds.kind] == STOPS, room, torch.inf)
+        nearest, which = room.min(1)
+        objects = torch.arange(len(kinds.kind), device=way.device)
+        return nearest, (nearest < way)[:, None] & (objects == which[:, None])
 
     def _kind_inside(self) -> Tensor:
         """The kind of the object that the robot is in, int64 [B]; any where it is in none."""

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from snnrl.body.world.geometry import drive, in_disc, offset, within
-from snnrl.body.world.kinds import ENTERED, OUTSIDE, TAKEN, Kinds, sign_at
+from snnrl.body.world.geometry import FAR, drive, in_disc, offset, room_ahead, straight, within
+from snnrl.body.world.kinds import ENTERED, OUTSIDE, STOPS, TAKEN, Kinds, sign_at
 from snnrl.body.world.sensors import distance_to, faces, range_value
 from snnrl.body.world.world import World
 from snnrl.engines.fused.draws import uniform
@@ -57,6 +57,7 @@ class WorldArrays(NamedTuple):
     home: Any
     free: Any
     attempts: Any
+    stops: Any  # whether anything stops the robot
     stays: Any  # whether the robot stays in the object it is in, though the centre of another be nearer
     reach: Any  # float64 [R]
     to_border: Any  # float64 [R], 1 or 0
@@ -88,6 +89,7 @@ def world_arrays(world: World, share: Callable[[Tensor], Any] = Tensor.numpy) ->
         seconds=world.tick / 1000.0,
         free=kinds.free,
         attempts=world.attempts,
+        stops=world.stops,
         stays=config.overlap == "stays",
         reach=np.array([sensor.reach for sensor in sensors]),
         to_border=np.array([float(sensor.measured_to == "border") for sensor in sensors]),
@@ -108,10 +110,26 @@ def way_to(world, trial, m):
     return dx, offset(world.position[trial, 1], world.places[trial, m, 1], world.side)
 
 
-def move(world, trial, left, right):
-    """The robot moves, more slowly inside an object."""
+def room_of(world, trial, way, touched):
+    """How far the robot can go ahead; what stops it before it has gone its way has been touched."""
+    along, across = cos(world.heading[trial]), sin(world.heading[trial])
+    room, stops = FAR, OUTSIDE
+    for m in range(world.kind.shape[0]):
+        if world.effect[world.kind[m]] == STOPS:
+            dx, dy = way_to(world, trial, m)
+            free = room_ahead(dx, dy, along, across, world.radius[world.kind[m]])
+            if free < room:
+                room, stops = free, m
+    if room < way:
+        touched[world.kind[stops]] += 1
+    return room
+
+
+def move(world, trial, left, right, touched):
+    """The robot moves, more slowly inside an object, and as far as it can."""
     inside = world.inside[trial]
     slowed = world.speed[world.kind[inside]] if inside >= 0 else 1.0
+    way = straight(left * slowed, right * slowed, world.seconds)
     x, y, heading = drive(
         world.position[trial, 0],
         world.position[trial, 1],
@@ -121,6 +139,7 @@ def move(world, trial, left, right):
         world.seconds,
         world.axle,
         world.side,
+        room_of(world, trial, way, touched) if world.stops else FAR,
     )
     world.position[trial, 0], world.position[trial, 1], world.heading[trial] = x, y, heading
 
@@ -164,8 +183,8 @@ def is_clear(world, trial, m, x, y):
         dx = offset(x, world.position[trial, 0], world.side)
         if within(dx, offset(y, world.position[trial, 1], world.side), world.radius[k]):
             return False
-    for other in range(world.free if world.apart[k] else 0):
-        if other != m and world.effect[world.kind[other]] == ENTERED:
+    for other in range(world.free):
+        if other != m and world.apart[k, world.effect[world.kind[other]]]:
             dx = offset(x, world.places[trial, other, 0], world.side)
             dy = offset(y, world.places[trial, other, 1], world.side)
             if within(dx, dy, world.radius[k] + world.radius[world.kind[other]]):
@@ -201,8 +220,8 @@ def put_elsewhere(world, seed, number, trial, time, m):
 
 def step_world(world, seed, number, trial, left, right, time, touched):
     """`World.step` at these wheel speeds; how often each kind was touched, in `touched`."""
-    move(world, trial, left, right)
     touched[:] = 0
+    move(world, trial, left, right, touched)
     enter(world, trial, touched)
     for k in range(touched.shape[0]):
         world.absent[trial, k] = world.leaves[k] <= time < world.returns[k]
