@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from snnrl.beyond.course import Course, follow, interval
-from snnrl.beyond.page import Page, draw, table
+from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose_baselines
-from snnrl.drawing.style import figure
+from snnrl.drawing import style
+from snnrl.drawing.style import figure, legend, multiples, styled
 from snnrl.schema import FOOD
 
 OBSTACLE = "obstacle"
@@ -27,7 +28,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     options = compose_baselines()
     courses = [follow(agent, EVERY, options, *world) for agent in AGENTS]
     empty = follow("learning", EVERY, options, *world, f"world.kinds.{OBSTACLE}.count=0")
-    return Page(_table(courses, empty), _figure(courses))
+    return Page(_table(courses, empty), figure_of(courses))
 
 
 def early(course: Course, kind: str) -> np.ndarray:
@@ -63,15 +64,15 @@ def _table(courses: Sequence[Course], empty: Course) -> str:
     return table(("agent", *times, "late food per s [95 %]", "of that without obstacles"), rows)
 
 
-def _figure(courses: Sequence[Course]) -> Figure:
-    """Contact and food over time."""
-    drawn, axes = figure(1, 2, width=7.2, height=3.2)
-    for axis, kind, factor, label in (
-        (axes[0], OBSTACLE, 60.0, "ticks of contact per min"),
-        (axes[1], FOOD, 1.0, "food, items/s"),
-    ):
-        for course in courses:
-            draw(axis, course.agent, course.time, factor * course.touches[kind] / course.every)
-        axis.set(xlabel="time, s", ylabel=label, xlim=(0, None), ylim=(0, None))
-    drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(AGENTS))
+@styled
+def figure_of(courses: Sequence[Course]) -> Figure:
+    """Contact and food over time, a panel for each agent."""
+    drawn, axes = figure(2, len(courses), width=7.2, height=4.2, sharex=True, sharey="row", squeeze=False)
+    labels = {OBSTACLE: (60.0, "Contact (ticks/min)"), FOOD: (1.0, style.RATE)}
+    for row, (kind, (factor, label)) in zip(axes, labels.items(), strict=True):
+        multiples(row, {c.agent: (c.time, factor * c.touches[kind] / c.every) for c in courses})
+        row[0].set(ylabel=label, xlim=(0, courses[0].time[-1]), ylim=(0, None))
+    for axis in axes[1]:
+        axis.set(title="", xlabel=style.TIME)
+    legend(drawn, loc="outside lower center", ncols=4)
     return drawn
