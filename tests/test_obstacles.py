@@ -157,4 +157,4 @@ def test_contact_is_counted_early_and_late() -> None:
     row = obstacles._table([course], course).splitlines()[2].split(" | ")
     assert row[3:5] == ["0.25", "1.00"]
     assert row[-1] == "1.00 |"
-    assert obstacles._figure([course]).axes
+    assert obstacles.figure_of([course]).axes
