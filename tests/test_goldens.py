@@ -43,6 +43,8 @@ CASES: dict[str, tuple[str, ...]] = {
     "changing_world/learning": (*LONG, "turns=12"),
     "chain/learning": LONG,
     "avoidance/learning": LONG,
+    "in_network/in_network": LONG,
+    "obstacles/learning": LONG,
     "extinction/learning": (*LONG, "absent=10"),
     "distal_reward/learning": TASK,
     "classical_conditioning/learning": TASK,
