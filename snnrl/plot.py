@@ -11,9 +11,10 @@ SVG.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ParamSpec, cast
 
 import numpy as np
 from matplotlib import pyplot
@@ -31,7 +32,21 @@ if TYPE_CHECKING:
 SYMBOLS = {"v": "Membrane potential", "u": "Recovery", "level": "Level"}  # of a monitor's quantities, in words
 
 
-@styled
+P = ParamSpec("P")
+
+
+def _shown(draw: Callable[P, Axes]) -> Callable[P, Axes]:
+    """In the house style, by a backend that is ready before: what a notebook's sets up would end with the style."""
+
+    @functools.wraps(draw)
+    def within(*arguments: P.args, **options: P.kwargs) -> Axes:
+        pyplot.draw_if_interactive()
+        return styled(draw)(*arguments, **options)
+
+    return within
+
+
+@_shown
 def learning_curve(data: Dataset, axis: Axes | None = None) -> Axes:
     """Items that a robot collects per s, in its colour.
 
@@ -45,19 +60,19 @@ def learning_curve(data: Dataset, axis: Axes | None = None) -> Axes:
     return axis
 
 
-@styled
+@_shown
 def rates(data: Dataset, groups: Sequence[str] | None = None, axis: Axes | None = None) -> Axes:
     """Firing rates of groups (all if None)."""
     return _courses(data, "firing_rate", "group", groups, style.FIRING, axis)
 
 
-@styled
+@_shown
 def weights(data: Dataset, projections: Sequence[str] | None = None, axis: Axes | None = None) -> Axes:
     """Mean weights of projections with a role (all if None), absent synapses as zeros."""
     return _courses(data, "weight", "projection", projections, style.MEAN_WEIGHT, axis)
 
 
-@styled
+@_shown
 def eligibility(
     data: Dataset, projections: Sequence[str] | None = None, trial: int | None = None, axis: Axes | None = None
 ) -> Axes:
@@ -75,7 +90,7 @@ def eligibility(
     return axis
 
 
-@styled
+@_shown
 def weight_matrix(data: Dataset, projection: str, trial: int | None = None, axis: Axes | None = None) -> Axes:
     """Every weight of a projection at the end, from presynaptic (across) to postsynaptic neurons.
 
@@ -89,7 +104,7 @@ def weight_matrix(data: Dataset, projection: str, trial: int | None = None, axis
     return axis
 
 
-@styled
+@_shown
 def path(data: Dataset, trial: int | None = None, side: float | None = None, axis: Axes | None = None) -> Axes:
     """Where a robot has been, at the samples of its run.
 
@@ -106,7 +121,7 @@ def path(data: Dataset, trial: int | None = None, side: float | None = None, axi
     return axis
 
 
-@styled
+@_shown
 def raster(data: Dataset, trial: int | None = None, axis: Axes | None = None) -> Axes:
     """Spikes that a monitor has seen, of one trial (the first if None).
 
@@ -121,7 +136,7 @@ def raster(data: Dataset, trial: int | None = None, axis: Axes | None = None) ->
     return axis
 
 
-@styled
+@_shown
 def trace(data: Dataset, quantity: str = "v", trial: int | None = None, axis: Axes | None = None) -> Axes:
     """A quantity of each neuron that a monitor has seen (its potential, by default), or of a modulator, in a trial."""
     axis, kept = _axes(axis), _variable(data, quantity)

@@ -124,7 +124,7 @@ def figure_of(courses: Courses) -> Figure:
     drawn, axes = figure(len(courses), agents, width=9.6, height=5.6, sharex=True, sharey="row", squeeze=False)
     for row, (chain, ran) in zip(axes, courses.items(), strict=True):
         multiples(row, {agent: (course.time, course.rate("food")) for agent, course in ran.items()})
-        row[0].set(ylabel=f"{chain.capitalize()}\n{style.RATE}", xlim=(0, None), ylim=(0, None))
+        row[0].set(ylabel=f"{chain.capitalize()}\nRate (items/s)", xlim=(0, None), ylim=(0, None))
     for axis in axes[1:].flat:
         axis.set(title="")
     for axis in axes[-1]:

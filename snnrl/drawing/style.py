@@ -122,7 +122,7 @@ def multiples(axes: Iterable[Axes], courses: Mapping[str, tuple[np.ndarray, np.n
         for time, values in (course for other, course in courses.items() if other != name):
             axis.plot(time, values.mean(1), color=palette.PALE, linewidth=0.8, label=OTHERS)
         band(axis, *courses[name], palette.of_robot(name), MEAN)
-        axis.set_title(spoken(name), color=palette.of_robot(name))
+        axis.set_title(spoken(name), color=palette.of_robot(name), fontsize=7)
 
 
 def legend(of: Axes | Figure, **options: Any) -> None:
