@@ -175,7 +175,7 @@ def test_mlflow_that_is_not_installed_is_refused_before_a_folder_is_made(tmp_pat
     done = without_extras(tmp_path, run, *words)
     assert done.returncode == 2
     assert done.stderr.splitlines()[-1] == (
-        'snnrl.run: record.loggers=mlflow: needs mlflow, PIL: pip install "snnrl[mlflow]"'
+        'snnrl.run: record.loggers=mlflow: needs mlflow, matplotlib, PIL, scipy: pip install "snnrl[mlflow]"'
     )
     assert not list(tmp_path.iterdir())
 

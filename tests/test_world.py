@@ -471,7 +471,7 @@ def test_an_item_may_lie_wholly_inside_its_container(contains: str, largest: flo
     [
         (
             "world.kinds.food_container.avoids=[walls]",
-            r"food_container\.avoids=walls: must be one of robot, containers",
+            r"food_container\.avoids=walls: must be one of robot, obstacles, containers",
         ),
         ("world.kinds.food_container.turns_every=9", r"food_container\.turns_every=9\.0: needs touched=taken"),
         ("world.kinds.food.turns_every=0", r"food\.turns_every=0\.0: must be at least 0\.001"),
