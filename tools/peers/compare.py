@@ -274,7 +274,8 @@ def numbers(text: str) -> list[int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=numbers, default=[1, 50], help="of a batch, with commas between")
-    parser.add_argument("--threads", type=numbers, default=[1], help="0 is all; more than one has crashed where ANNarchy and NEST take turns")
+    crashed = "0 is all; more than one has crashed where ANNarchy and NEST take turns"
+    parser.add_argument("--threads", type=numbers, default=[1], help=crashed)
     parser.add_argument("--seconds", type=float, default=1.0, help="simulated")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--longest", type=float, default=60.0, help="s a turn; who would take longer is left out")
