@@ -56,7 +56,8 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
 
 def presented(gap: float, times: int, overrides: Sequence[str]) -> dict[str, np.ndarray]:
     """Spikes of a dopaminergic neuron, [B], that a link evokes after chains with such a gap, in open loop, by link."""
-    network, engine = build(compose("+experiment=chain", *overrides)).network, make_engine("auto", "cpu")
+    config = compose("+experiment=chain", *overrides)
+    network, engine = build(config).network, make_engine(config.engine, config.device, config.threads)
     still = torch.zeros(REST, network.trials, network.size, dtype=network.dtype)
     for _ in range(times):
         for link in LINKS:

@@ -110,8 +110,8 @@ def told(response: Tensor) -> tuple[Tensor, ...]:
 
 def open_loop(overrides: Sequence[str], stages: Sequence[Stage]) -> dict[str, Tensor]:
     """The `responses` of a network of the experiment."""
-    network = build(compose(EXPERIMENT, *overrides)).network
-    return responses(network, make_engine("auto", "cpu"), stages)
+    config = compose(EXPERIMENT, *overrides)
+    return responses(build(config).network, make_engine(config.engine, config.device, config.threads), stages)
 
 
 def evoked(network: Network, touch: str = CUE) -> Tensor:
@@ -137,7 +137,7 @@ def lead(network: Network) -> Tensor:
 def live(overrides: Sequence[str], samples: int) -> dict[str, np.ndarray]:
     """The robot's life: `time` (s) [T], and what is measured in each of T equal parts, [T, B] each."""
     config = compose(EXPERIMENT, *overrides)
-    simulation, engine = build(config), make_engine("auto", "cpu")
+    simulation, engine = build(config), make_engine(config.engine, config.device, config.threads)
     network, world = simulation.network, simulation.situation.world
     ticks = round(1000 * config.seconds / simulation.tick / samples)
     series: dict[str, list[Tensor]] = {"time": [], "response": [], "lead": [], "visits": [], "food": []}
@@ -233,8 +233,8 @@ def usual_table(overrides: Sequence[str], part: float) -> str:
     for name in USUAL:
         for network in ("predicting", "food_container"):
             config = compose(f"+experiment={name}", f"network={network}", *overrides)
-            simulation = build(config)
-            simulation.run(make_engine("auto", "cpu"), round(part * 1000 * config.seconds / simulation.tick))
+            simulation, engine = build(config), make_engine(config.engine, config.device, config.threads)
+            simulation.run(engine, round(part * 1000 * config.seconds / simulation.tick))
             rules, trained = config.experiment.correct, simulation.network
             learnt = share(correct(trained, rules).numpy()) if rules else "given"
             food = simulation.situation.world.count("food").double().numpy()

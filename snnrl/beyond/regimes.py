@@ -78,7 +78,7 @@ def regimes(experiment: str, learning: str, still: str, overrides: Sequence[str]
 
 def run(config: Config, part: float) -> tuple[Simulation, Config]:
     """A simulation of a part of its length, ended."""
-    simulation, engine = build(config), make_engine("auto", config.device)
+    simulation, engine = build(config), make_engine(config.engine, config.device, config.threads)
     simulation.run(engine, ticks_of(part * config.seconds, simulation.tick))
     return simulation, config
 

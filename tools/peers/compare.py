@@ -1,6 +1,6 @@
 """The same brain, input and machine in other simulators: speed and deviations, side by side.
 
-    python tools/peers/compare.py [--trials 1,50] [--seconds 1] [--threads 1] [--longest 60]
+    python tools/peers/compare.py [--trials 1,50] [--seconds 1] [--threads 1,0] [--longest 60]
                                    [--markdown docs/peers.md]
 
 The food-only brain is driven open loop by currents that its own closed loop recorded. Every simulator computes the
@@ -274,8 +274,7 @@ def numbers(text: str) -> list[int]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--trials", type=numbers, default=[1, 50], help="of a batch, with commas between")
-    crashed = "0 is all; more than one has crashed where ANNarchy and NEST take turns"
-    parser.add_argument("--threads", type=numbers, default=[1], help=crashed)
+    parser.add_argument("--threads", type=numbers, default=[1, 0], help="0 is all")
     parser.add_argument("--seconds", type=float, default=1.0, help="simulated")
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--longest", type=float, default=60.0, help="s a turn; who would take longer is left out")

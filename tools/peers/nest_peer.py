@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
 import nest
 import numpy as np
@@ -21,27 +23,31 @@ LATE = 2  # ms until the first current reaches a neuron
 
 
 def kernel(network: Network, injected: Tensor, threads: int) -> Callable[[], Run]:
-    """The network in its present state (at ms 0), driven by `injected` [T, B, N]; each call builds and runs it."""
+    """The network in its present state (at ms 0), driven by `injected` [T, B, N]; each call builds and runs it.
 
-    def run() -> Run:
-        nest.ResetKernel()
-        nest.verbosity = nest.VerbosityLevel.ERROR
-        nest.set(resolution=1.0, local_num_threads=threads)
-        neurons = driven(network, injected)
-        connect(network, neurons)
-        recorder = nest.Create("spike_recorder")
-        nest.Connect(neurons, recorder)
-        nest.Prepare()
-        began = time.perf_counter()
-        nest.Run(float(len(injected) + LATE))
-        wall = time.perf_counter() - began
-        nest.Cleanup()
-        events = recorder.get("events")
-        times = np.round(events["times"]).astype(int) - 1 - LATE  # NEST gives the ends of steps
-        fired = np.stack([times, np.asarray(events["senders"]) - neurons[0].global_id], 1)
-        return Run(wall, fired[np.lexsort((fired[:, 1], fired[:, 0]))], weights_of(network, neurons))
+    It has a process of its own: NEST has crashed where the number of its threads was raised after a run.
+    """
+    process = ProcessPoolExecutor(1, get_context("spawn"))
+    return lambda: process.submit(simulate, network, injected, threads).result()
 
-    return run
+
+def simulate(network: Network, injected: Tensor, threads: int) -> Run:
+    nest.ResetKernel()
+    nest.verbosity = nest.VerbosityLevel.ERROR
+    nest.set(resolution=1.0, local_num_threads=threads)
+    neurons = driven(network, injected)
+    connect(network, neurons)
+    recorder = nest.Create("spike_recorder")
+    nest.Connect(neurons, recorder)
+    nest.Prepare()
+    began = time.perf_counter()
+    nest.Run(float(len(injected) + LATE))
+    wall = time.perf_counter() - began
+    nest.Cleanup()
+    events = recorder.get("events")
+    times = np.round(events["times"]).astype(int) - 1 - LATE  # NEST gives the ends of steps
+    fired = np.stack([times, np.asarray(events["senders"]) - neurons[0].global_id], 1)
+    return Run(wall, fired[np.lexsort((fired[:, 1], fired[:, 0]))], weights_of(network, neurons))
 
 
 def driven(network: Network, injected: Tensor) -> nest.NodeCollection:
