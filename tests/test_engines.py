@@ -279,6 +279,21 @@ def test_fused_engine_refuses_other_devices() -> None:
         make_engine("fused", "cuda")
 
 
+def test_tensors_exchanged_between_two_runs_are_noticed() -> None:
+    exchanged, same = (simulation("+experiment=food_attraction", "trials=2") for _ in range(2))
+    fused = make_engine("fused", "cpu", 1)
+    for one in (exchanged, same):
+        one.run(fused, 3)
+    network, world = exchanged.network, exchanged.situation.world
+    network.spike_count = network.spike_count.clone()
+    network.modulators["dopamine"].level = network.modulators["dopamine"].level.clone()
+    world.position = world.position.clone()
+    for one in (exchanged, same):
+        one.run(fused, 20)
+    for name, values in same.state_dict().items():
+        assert torch.equal(exchanged.state_dict()[name], values), name
+
+
 class Faster(World):
     pass
 
