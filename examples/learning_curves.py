@@ -27,7 +27,7 @@ from snnrl.agents.baselines import collect
 from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose, compose_baselines
 from snnrl.drawing import palette, style
-from snnrl.drawing.style import band, figure, legend, spoken, styled
+from snnrl.drawing.style import figure, legend, multiples, spoken, styled
 from snnrl.intervals import student
 
 gymnasium.register_envs(snnrl.environments)
@@ -35,7 +35,6 @@ gymnasium.register_envs(snnrl.environments)
 TASKS = {"food attraction": "food_attraction", "food in containers": "dual_learning"}
 AGENTS = ("spiking", "q_learning", "sarsa_lambda", "reinforce")
 WIRED = "braitenberg"  # what needs no learning, as the measure
-WORLDS = 50
 LIFE, MANY = "PPO, one life", "PPO, many worlds"
 SPANS = 100  # into which a life is divided
 EPISODE = 140  # s, of one of many worlds
@@ -91,7 +90,7 @@ def curves(experiment: str, arguments: argparse.Namespace) -> tuple[list[Curve],
         result = collect(experiment, agent, config, options)
         found.append(Curve(agent, ticks / len(result.time), result.items / result.spans[:, None]))
     lives = [ppo(experiment, 1, ticks, config.seconds + 1.0, seed, tick) for seed in range(arguments.lives)]
-    many = [ppo(experiment, WORLDS, arguments.steps, EPISODE, seed, tick) for seed in range(arguments.seeds)]
+    many = [ppo(experiment, arguments.worlds, arguments.steps, EPISODE, seed, tick) for seed in range(arguments.seeds)]
     found.append(Curve(LIFE, ticks / SPANS, np.stack(lives, 1)))
     found.append(Curve(MANY, arguments.steps / SPANS, np.stack(many, 1)))
     return found, float(wired["reward_mean"]) / float(wired["seconds"])
@@ -115,14 +114,17 @@ def table_of(found: dict[str, tuple[list[Curve], float]]) -> str:
 
 @styled
 def figure_of(found: dict[str, tuple[list[Curve], float]]) -> Figure:
-    drawn, (axes,) = figure(1, len(found), width=9.6, height=4.2, squeeze=False)
-    for axis, (task, (each, wired)) in zip(axes, found.items(), strict=True):
-        for curve in each:
-            steps = curve.steps * (np.arange(len(curve.rate)) + 0.5)
-            band(axis, steps, curve.rate, palette.of_robot(curve.agent), spoken(curve.agent))
-        axis.axhline(wired, color=palette.of_robot(WIRED), linestyle="--", label="wired by hand (Braitenberg)")
-        axis.set(title=task, xscale="log", xlabel="Steps of 70 ms, of all worlds (1)", ylim=(0, None))
-    axes[0].set_ylabel(style.RATE)
+    """A row for each task, a panel for each agent."""
+    agents = len(next(iter(found.values()))[0])
+    drawn, axes = figure(len(found), agents, width=11.0, height=4.8, squeeze=False, sharey="row")
+    for row, (task, (each, wired)) in zip(axes, found.items(), strict=True):
+        multiples(row, {c.agent: (c.steps * (np.arange(len(c.rate)) + 0.5), c.rate) for c in each})
+        row[0].set_ylabel(f"{task.capitalize()}\n{style.RATE}")
+        for axis in row:
+            axis.axhline(wired, color=palette.of_robot(WIRED), linestyle="--", label="wired by hand (Braitenberg)")
+            axis.set(xscale="log", ylim=(0, 2.0 * wired))
+    for axis in axes[-1]:
+        axis.set_xlabel("Time (steps)")
     legend(drawn, loc="outside lower center", ncols=5)
     return drawn
 
@@ -132,6 +134,7 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument("--trials", type=int, default=50, help="of the spiking robot and the tables")
     parser.add_argument("--lives", type=int, default=5, help="of PPO with one life each")
     parser.add_argument("--steps", type=int, default=300_000, help="of PPO in many worlds")
+    parser.add_argument("--worlds", type=int, default=50, help="of PPO in many worlds")
     parser.add_argument("--seeds", type=int, default=3, help="of PPO in many worlds")
     parser.add_argument("--page", type=Path, help="the document that gets the table and the figure")
     parser.add_argument("override", nargs="*", help="of the experiments' configuration, like seconds=100")

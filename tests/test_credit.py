@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from labels import faults
 
 from snnrl.beyond import credit
 from snnrl.beyond.account import CLIPPED, DAMPENED, HUNGER, PARTS, ROUNDING, SOURCES, Account
@@ -73,7 +74,7 @@ def test_every_role_has_its_row() -> None:
     assert all(parts.shape == (len(time), 2, len(PARTS)) for parts in roles.values())
     assert all((parts[0] == 0).all() for parts in roles.values())
     assert credit._table({"food": (time, roles)}).count("\n") == 4
-    assert credit.figure_of({"food": (time, roles)}).axes
+    assert not faults(credit.figure_of({"food": (time, roles)}))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
 import sys
 import warnings
@@ -16,11 +17,13 @@ import torch
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode, VectorEnv
 from helpers import make_simulation, place
+from labels import faults
 from PIL import ImageColor
 
 import snnrl.environments
 from snnrl.agents.environments import experiments
 from snnrl.agents.foraging import LEFT, RIGHT, STRAIGHT, Foraging
+from snnrl.beyond.page import BEGIN, END
 from snnrl.body.world import World
 from snnrl.configuration.builder import build_world
 from snnrl.configuration.compose import compose
@@ -417,3 +420,42 @@ def test_the_example_trains_ppo() -> None:
     )
     assert done.returncode == 0, done.stderr
     assert "reward" in done.stdout
+
+
+def test_the_example_measures_learning_per_step(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3", reason='needs pip install "snnrl[rl]"')
+    example = Path(__file__).parents[1] / "examples" / "learning_curves.py"
+    page = tmp_path / "page.md"
+    page.write_text(BEGIN + END)
+    options = [
+        "--trials",
+        "2",
+        "--lives",
+        "2",
+        "--seeds",
+        "2",
+        "--worlds",
+        "4",
+        "--steps",
+        "400",
+        "seconds=7",
+        "--page",
+        str(page),
+    ]
+    done = subprocess.run(
+        [sys.executable, str(example), *options], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    rows = [line.split(" | ") for line in page.read_text().splitlines() if line.startswith("| food")]
+    assert [row[2] for row in rows] == ["2"] * 12
+    assert {row[3] for row in rows} == {"100", "400"}
+    assert page.with_suffix(".png").exists()
+
+
+def test_a_curve_has_reached_a_rate_that_lasts_a_tenth_of_it() -> None:
+    curves = runpy.run_path(str(Path(__file__).parents[1] / "examples" / "learning_curves.py"))
+    rate = np.zeros((20, 3))
+    rate[5:, 0], rate[7, 1], rate[8:10, 2] = 1.0, 1.0, 1.0
+    curve = curves["Curve"]("spiking", 50.0, rate)
+    np.testing.assert_equal(curve.reached(1.0), [350.0, np.nan, 500.0])
+    assert not faults(curves["figure_of"]({"food": ([curve], 1.0)}))

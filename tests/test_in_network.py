@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from helpers import compose_config
+from labels import faults
 
 from snnrl.beyond import in_network
 from snnrl.beyond.in_network import MOTORS, RHYTHM, ROBOTS, SENSORS, TASKS, Life, live, make, peak, watch
@@ -118,7 +119,9 @@ def test_food_is_counted_in_the_span_in_which_it_is_taken(monkeypatch: pytest.Mo
 def test_every_robot_of_every_task_is_in_the_table(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(in_network, "SPANS", 2)
     monkeypatch.setattr(in_network, "WATCHED", 3.0)
-    rows = make((*SMALL, "seconds=4"), 0.5).table.splitlines()[2:]
+    page = make((*SMALL, "seconds=4"), 0.5)
+    assert not faults(page.figure)
+    rows = page.table.splitlines()[2:]
     cells = [[cell.strip() for cell in row.strip("|").split("|")] for row in rows]
     assert [(task, robot.replace(" ", "_")) for task, robot, *_ in cells] == [(t, r) for t in TASKS for r in ROBOTS]
     assert all((cell[4] != "") == (cell[1] in ("phasic", "in network")) for cell in cells)

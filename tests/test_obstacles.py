@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from helpers import make_world, place
+from labels import faults
 from torch import Tensor
 
 from snnrl.beyond import obstacles
@@ -157,4 +158,4 @@ def test_contact_is_counted_early_and_late() -> None:
     row = obstacles._table([course], course).splitlines()[2].split(" | ")
     assert row[3:5] == ["0.25", "1.00"]
     assert row[-1] == "1.00 |"
-    assert obstacles.figure_of([course]).axes
+    assert not faults(obstacles.figure_of([course]))

@@ -73,7 +73,7 @@ def figure_of(found: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Fig
         for axis, (role, parts) in zip(row, roles.items(), strict=False):
             draw(axis, time, parts)
             axis.set(title=spoken(role), xlabel=style.TIME, xlim=(0, time[-1]))
-        row[0].set_ylabel(f"{world}\nCredit (mV)")
+        row[0].set_ylabel(f"{world.capitalize()}\nCredit (mV)")
     legend(drawn, loc="outside lower center", ncols=5)
     return drawn
 
