@@ -40,11 +40,15 @@ def is_quantity(label: str) -> bool:
 
 def has_label(axis: Axes, way: str, shown: list[Axes]) -> bool:
     """Itself, by the names at its ticks, or by another one in its row or column."""
-    of = getattr(axis, f"{way}axis")
-    if of.get_label_text() or any(re.search("[a-z]", text.get_text()) for text in of.get_ticklabels()):
+    if is_named(axis, way):
         return True
     place, span = axis.get_subplotspec(), "colspan" if way == "x" else "rowspan"
     if place is None:
         return axis.get_label() == "<colorbar>"
-    others = [other.get_subplotspec() for other in shown if getattr(other, f"get_{way}label")()]
+    others = [other.get_subplotspec() for other in shown if is_named(other, way)]
     return any(other is not None and getattr(other, span) == getattr(place, span) for other in others)
+
+
+def is_named(axis: Axes, way: str) -> bool:
+    of = getattr(axis, f"{way}axis")
+    return bool(of.get_label_text()) or any(re.search("[a-z]", text.get_text()) for text in of.get_ticklabels())

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from labels import faults
 
-from snnrl.beyond import avoidance, chain, changing_world, command
+from snnrl.beyond import avoidance, baseline, chain, changing_world, command
 from snnrl.beyond.chain import learning_time
 from snnrl.beyond.changing_world import REACHED, WINDOW, relearning, since_swap
 from snnrl.beyond.course import Course, follow
@@ -111,6 +112,28 @@ def test_what_hurts_comes_to_be_touched_less(monkeypatch: pytest.MonkeyPatch) ->
     table = avoidance.make(["trials=1", "threads=1"], 0.34).table.splitlines()
     assert [row.split(" | ")[0] for row in table[2:]] == ["| learning", "| no pain", "| sarsa lambda", "| random walk"]
     assert table[-1].endswith("| 1.00 |")
+
+
+def test_hunger_gives_up_the_orbit_as_negative_dopamine_and_as_pain() -> None:
+    world = ("+experiment=avoidance", *SMALL, "trials=3", *baseline.ORBIT)
+    left = {name: baseline.escaped(*world, *options).tolist() for name, options in baseline.VARIANTS.items()}
+    for name, found in left.items():
+        if name.endswith("negative") or "hunger" in name:
+            assert found == [True] * 3, name
+        if name.endswith("positive"):
+            assert sum(found) < 2, name
+
+
+def test_each_sign_of_the_baseline_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours = baseline.Outcome(np.array([True, False]), np.array([1.0, 2.0]), np.array([0.1, 0.3]), np.array([0.5, 0.5]))
+    monkeypatch.setattr(baseline, "_outcome", lambda options, overrides, part: ours)
+    page = baseline.make([])
+    rows = [row.split(" | ") for row in page.table.splitlines()[2:]]
+    assert [row[:2] for row in rows[::6]] == [["| dopamine alone", "negative"], ["| poison and hunger hurt", "zero"]]
+    assert len(rows) == 7
+    assert rows[0][2].startswith("50 % [")
+    assert rows[0][4].startswith("0.200 [")
+    assert not faults(page.figure)
 
 
 def test_dopamine_moves_to_links_that_follow_soon() -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import torch
 
-from snnrl.beyond import avoidance, chain, changing_world, credit, extinction, in_network, obstacles, regimes
+from snnrl.beyond import avoidance, baseline, chain, changing_world, credit, extinction, in_network, obstacles, regimes
 from snnrl.beyond.page import Page, around_table
 from snnrl.errors import ConfigError
 from snnrl.running.command import FORESEEN, explain, status
@@ -28,6 +28,7 @@ EXPERIMENTS: dict[str, Callable[[Sequence[str], float], Page]] = {
     "extinction": extinction.make,
     "regimes": regimes.make,
     "avoidance": avoidance.make,
+    "baseline": baseline.make,
     "in_network": in_network.make,
     "credit": credit.make,
     "obstacles": obstacles.make,

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import torch
 
-from snnrl.body.world.geometry import orbit
+from snnrl.body.world.geometry import escape_radius
 from snnrl.intervals import student
 from snnrl.model.draws import Draws, stream
 from snnrl.recording.runs import Run
@@ -60,16 +60,11 @@ def taxis(run: Run, kind: str, sense: str, response: str) -> np.ndarray:
     return np.mean([run.of_projection(kind, name) for name in pathways(sense, response)], 0)
 
 
-def escape_rule(slow: float, fast: float, tick: int, axle: float) -> float:
-    """Distance from the item (cm) at which a robot has left its orbit: twice the orbit's radius."""
-    return 2 * orbit(slow, fast, tick / 1000, axle)[0]
-
-
 def escapes(run: Run) -> np.ndarray:
-    """When each robot was beyond `escape_rule` from the item or had taken it (s), nan where it never was."""
+    """When each robot was beyond `escape_radius` from the item or had taken it (s), nan where it never was."""
     config = run.config
     coding, world = config["coding"], config["world"]
-    limit = escape_rule(coding["slow"], coding["fast"], coding["tick"], world["axle"])
+    limit = escape_radius(coding["slow"], coding["fast"], coding["tick"] / 1000, world["axle"])
     left = (run.series["nearest_item"] > limit) | (run.series["collection_rate"] > 0)
     return _first(run.time, left)
 

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from snnrl.body.world.geometry import escape_radius
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
@@ -19,7 +20,7 @@ from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD, Config
 from snnrl.simulation import Simulation
 from snnrl.thesis.box import FREE, OWN_MEAN, has, options_of
-from snnrl.thesis.claims import escape_rule, pathways, settled, smooth
+from snnrl.thesis.claims import pathways, settled, smooth
 from snnrl.thesis.compare import contrast
 from snnrl.thesis.loss import (
     Cells,
@@ -100,7 +101,7 @@ def escape_times(robot: str, values: Mapping[str, Any], trials: int, seed: int) 
     simulation, config, engine = prepare("orbit", robot, values, trials, seed)
     times = torch.full((trials,), torch.nan, dtype=torch.float64)
     coding, world = config.body()
-    limit = escape_rule(coding.slow, coding.fast, coding.tick, world.axle)
+    limit = escape_radius(coding.slow, coding.fast, coding.tick / 1000, world.axle)
     for k in range(ticks_of(config.seconds, coding.tick)):
         simulation.run(engine, 1)
         left = (simulation.situation.world.nearest_item() > limit) | (simulation.situation.world.count(FOOD) > 0)

@@ -88,3 +88,8 @@ def orbit(slow: float, fast: float, seconds: float, axle: float) -> tuple[float,
     """
     turn = (fast - slow) / axle * seconds
     return 0.25 * (slow + fast) * seconds / float(sin(torch.tensor(0.5 * turn, dtype=torch.float64))), turn
+
+
+def escape_radius(slow: float, fast: float, seconds: float, axle: float) -> float:
+    """Distance from the centre of an `orbit` (cm) at which a robot has left it: twice its radius."""
+    return 2 * orbit(slow, fast, seconds, axle)[0]
