@@ -102,15 +102,16 @@ def test_a_chain_is_learnt_at_half_of_what_a_wired_robot_collects() -> None:
 
 
 def test_what_hurts_comes_to_be_touched_less(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(avoidance, "SECONDS", 300.0)
+    monkeypatch.setattr(avoidance, "SECONDS", 600.0)
     found = {
-        agent: follow(agent, 50.0, OPTIONS, "+experiment=avoidance", "seconds=300", *SMALL, "trials=4")
+        agent: follow(agent, 50.0, OPTIONS, "+experiment=avoidance", "seconds=600", *SMALL, "trials=6")
         for agent in ("learning", "no_pain")
     }
     poison = {agent: avoidance.late(ran, "poison").mean() for agent, ran in found.items()}
     assert poison["learning"] < 0.6 * poison["no_pain"]
-    table = avoidance.make(["trials=1", "threads=1"], 0.34).table.splitlines()
-    assert [row.split(" | ")[0] for row in table[2:]] == ["| learning", "| no pain", "| sarsa lambda", "| random walk"]
+    table = avoidance.make(["trials=1", "threads=1"], 0.17).table.splitlines()
+    agents = ["learning", "thesis's network", "no pain", "sarsa lambda", "random walk"]
+    assert [row.split(" | ")[0] for row in table[2:]] == [f"| {agent}" for agent in agents]
     assert table[-1].endswith("| 1.00 |")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,6 +15,8 @@ from snnrl.drawing import style
 from snnrl.drawing.style import figure, legend, multiples, styled
 
 AGENTS = ("learning", "no_pain", "sarsa_lambda", "random_walk")
+THESIS = ("network=food_poison", "coding.touches.poison=food_touch")  # poison lowers dopamine, and there is no pain
+PLAIN = "thesis's network"
 SECONDS = 2000.0
 EVERY = 50.0  # s
 LATE = 0.5  # the last part of the time, in which what has been learnt shows
@@ -25,6 +28,7 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     world = ("+experiment=avoidance", f"seconds={part * SECONDS:g}", *overrides)
     options = compose_baselines(*TUNED)
     courses = [follow(agent, EVERY, options, *world) for agent in AGENTS]
+    courses.insert(1, replace(follow("learning", EVERY, options, *world, *THESIS), agent=PLAIN))
     return Page(_table(courses), figure_of(courses))
 
 
@@ -40,11 +44,13 @@ def _table(courses: Sequence[Course]) -> str:
         (
             course.agent.replace("_", " "),
             *(interval(late(course, kind), 3) for kind in ("food", "poison")),
+            interval(late(course, "food") - late(course, "poison"), 3),
             f"{late(course, 'poison').mean() / late(walk, 'poison').mean():.2f}",
         )
         for course in courses
     ]
-    return table(("agent", "late food per s [95 %]", "late poison per s [95 %]", "of a random walk's poison"), rows)
+    of = ("reward per s [95 %]", "of a random walk's poison")
+    return table(("agent", "late food per s [95 %]", "late poison per s [95 %]", *of), rows)
 
 
 @styled

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from matplotlib.figure import Figure
 
-from snnrl.beyond.avoidance import late
+from snnrl.beyond.avoidance import THESIS, late
 from snnrl.beyond.course import follow, interval
 from snnrl.beyond.page import Page, table
 from snnrl.body.world.geometry import escape_radius
@@ -29,7 +29,6 @@ from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD
 
 LEVEL = 0.0004  # uM, that of the thesis, of either sign
-THESIS = ("network=food_poison", "coding.touches.poison=food_touch")  # poison lowers dopamine, and there is no pain
 PAIN = ("network.dopamine.baseline=0.0", f"network.modulators.pain.baseline={LEVEL}")
 
 
