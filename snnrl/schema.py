@@ -499,6 +499,7 @@ class ReinforceConfig:
     bins: int = key("into which a sensor's value is divided", least=1, most=100)
     rate: float = key("of learning", above=0.0)
     discount: float = key("of the credit of earlier choices, for each tick", least=0.0, most=1.0)
+    shared: bool = key("whether all trials learn together, as one agent in many worlds", default=False)
 
 
 @dataclass

@@ -152,6 +152,14 @@ def test_reinforce_credits_choices_by_the_gradient_of_the_log_of_their_chances()
     assert agent.traces[0, 1].tolist() == pytest.approx([-0.25, 0.375, -0.125])
 
 
+def test_reinforce_in_many_worlds_is_one_agent() -> None:
+    agent = Reinforce(draws(3), 1, ReinforceConfig(4, 0.5, 0.95, shared=True))
+    agent.traces[0, 2, 1], agent.traces[1, 2, 1], agent.traces[2, 3, 0] = 1.0, 2.0, 4.0
+    agent.act(see((0, 0)).expand(3, 1, 2), double(1.0, -1.0, 1.0), torch.tensor(0))
+    assert agent.preferences[:, 2, 1].tolist() == [-0.5] * 3
+    assert agent.preferences[:, 3, 0].tolist() == [2.0] * 3
+
+
 def test_reinforce_chooses_by_its_chances() -> None:
     agent = Reinforce(draws(4000), 1, ReinforceConfig(bins=1, rate=1.0, discount=0.9))
     agent.preferences[:, 0] = double(math.log(1.0), math.log(2.0), math.log(5.0))

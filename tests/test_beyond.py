@@ -69,10 +69,23 @@ def test_rewards_are_cut_at_the_swaps() -> None:
     assert since_swap(course([1, 2, 3, 4, 5]), 20.0)[..., 0].tolist() == [[1, 2], [3, 4]]
 
 
+def test_as_kinds_drift_reward_is_told_by_how_many_are_good() -> None:
+    touches, two = np.ones((4, 2)), np.array([[1, 1], [1, 2], [1, 1], [1, 3]])
+    found = Course(
+        "learning",
+        1.0,
+        {"food": touches, "poison": two},
+        {"food": np.array([1.0, -1.0, -1.0, 1.0]), "poison": np.array([-1.0, -1.0, 1.0, 1.0])},
+    )
+    row = changing_world.drift_table([found]).splitlines()[2].split(" | ")
+    assert [cell.split(" [")[0] for cell in row] == ["| learning", "0.12", "3.00", "0.00", "-2.50"]
+
+
 def test_a_page_gets_its_table_and_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(changing_world, "SWAPS", {60.0: 2})
+    monkeypatch.setattr(changing_world, "LENGTH", 40.0)
     monkeypatch.setattr(changing_world, "AGENTS", ("learning", "sarsa_lambda"))
     monkeypatch.chdir(tmp_path)
     page = tmp_path / "page.md"
@@ -83,7 +96,8 @@ def test_a_page_gets_its_table_and_figure(
     assert found.endswith("-->\nAfter.\n")
     assert "old" not in found
     assert "(page.png)" in found
-    assert found.count("| 60 s |") == 2
+    assert found.count("| 60 s |") == 3
+    assert found.count("\n| learning | ") == 1
     assert (tmp_path / "page.png").read_bytes().startswith(b"\x89PNG")
     assert "sarsa lambda" in capsys.readouterr().out
 

@@ -146,8 +146,8 @@ class Reinforce:
     Args:
         draws: owner of all choices; its trials are the batch.
         sensors: how many pairs of range sensors there are.
-        config: into how many bins each eye's values are cut, step size (rate), and discount per tick of the credit of
-            earlier choices.
+        config: into how many bins each eye's values are cut, step size (rate), discount per tick of the credit of
+            earlier choices, and whether all trials share what each has learnt, and so depend on each other.
 
     Attributes:
         preferences, traces: float64 [B, states, choices], zero at first.
@@ -155,7 +155,7 @@ class Reinforce:
 
     def __init__(self, draws: Draws, sensors: int, config: ReinforceConfig) -> None:
         self.draws, self.bins, self.rate, self.discount = draws, config.bins, config.rate, config.discount
-        trials = draws.trials
+        self.shared, trials = config.shared, draws.trials
         states = (2 * config.bins + 1) ** sensors
         self.preferences = torch.zeros(len(trials), states, CHOICES, dtype=torch.float64, device=trials.device)
         self.traces = torch.zeros_like(self.preferences)
@@ -163,7 +163,8 @@ class Reinforce:
 
     def act(self, ranges: Tensor, reward: Tensor, time: Tensor) -> Tensor:
         """See `Agent`; learns from what the choices so far have earned before it makes the next."""
-        self.preferences += self.rate * reward[:, None, None] * self.traces
+        learnt = self.rate * reward[:, None, None] * self.traces
+        self.preferences += learnt.sum(0) if self.shared else learnt
         state = states_of(ranges, self.bins)
         chances = self.preferences[self.rows, state].softmax(1)
         lot = self.draws.uniform(stream("choice"), time.view(1), 1)[0]

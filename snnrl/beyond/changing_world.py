@@ -1,11 +1,13 @@
 """Food and poison change places again and again: how soon an agent takes the one and leaves the other again.
 
-One life in one world for each trial: what is learnt, is learnt from the one robot's own touches.
+One life in one world for each trial: what is learnt, is learnt from the one robot's own touches. But for `MANY`, beside
+them: one agent that lives in the worlds of all trials at once.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -17,22 +19,33 @@ from snnrl.drawing.style import figure, legend, multiples, styled
 
 SWAPS = {200.0: 20, 500.0: 20, 1000.0: 10}  # how many, by the s from one to the next
 AGENTS = ("learning", "no_hunger", "sarsa_lambda", "q_learning", "reinforce")
+MANY, SHARED = "REINFORCE, many worlds", ("reinforce.shared=true",)
 EVERY = 10.0  # s
 WINDOW = 5  # spans over which the reward is averaged
 REACHED = 0.25  # 1/s; a random walk's mean is 0, with a standard deviation of 0.07 over the window
 LAST = 5  # swaps
+DRIFT = {"food": 500.0, "poison": 700.0}  # s from one turn of a kind to its next: all that can be, within the length
+LENGTH = 7000.0  # s
 # The best of those tried in this world, in 20 trials of 2500 s from seed 3,000,000 on; the robots' values are their own
 TUNED = ("sarsa_lambda.bins=2", "q_learning.bins=2", "reinforce.bins=1")
 
 
 def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     """Run all agents at all periods; `part` of the swaps, for a trial."""
-    options, courses = compose_baselines(*TUNED), {}
+    options, many = compose_baselines(*TUNED), compose_baselines(*TUNED, *SHARED)
+
+    def follow_all(*changes: str) -> list[Course]:
+        world = ("+experiment=changing_world", *changes, *overrides)
+        lives = [follow(agent, EVERY, options, *world) for agent in AGENTS]
+        return [*lives, replace(follow("reinforce", EVERY, many, *world), agent=MANY)]
+
+    courses = {}
     for period, swaps in SWAPS.items():
         length = (1 + max(1, round(part * swaps))) * period
-        world = ("+experiment=changing_world", f"world.kinds.food.turns_every={period}", f"seconds={length}")
-        courses[period] = [follow(agent, EVERY, options, *world, *overrides) for agent in AGENTS]
-    return Page(_table(courses), figure_of(courses))
+        courses[period] = follow_all(f"world.kinds.food.turns_every={period}", f"seconds={length}")
+    turns = [f"world.kinds.{kind}.turns_every={period:g}" for kind, period in DRIFT.items()]
+    drift = follow_all(*turns, f"seconds={part * LENGTH:g}")
+    return Page(f"{_table(courses)}\n{drift_table(drift)}", figure_of(courses))
 
 
 def since_swap(course: Course, period: float) -> np.ndarray:
@@ -45,6 +58,19 @@ def since_swap(course: Course, period: float) -> np.ndarray:
 def relearning(course: Course, period: float) -> np.ndarray:
     """When in each phase (s) the mean reward over the last WINDOW has first REACHED; [phases, B], nan where never."""
     return first_time(since_swap(course, period).swapaxes(1, 2), course.every, WINDOW, REACHED)
+
+
+def drift_table(courses: Sequence[Course]) -> str:
+    """Reward per s, of all time and of that in which so many of the two kinds were good."""
+    head = ("as kinds drift", "reward per s [95 %]", "while both are good", "while one is", "while none is")
+    rows = []
+    for course in courses:
+        reward = course.rate(*DRIFT)
+        good = sum((course.signs[kind] > 0).astype(int) for kind in DRIFT)
+        by_good = (reward[good == count] for count in (2, 1, 0))
+        cells = (interval(part.mean(0), 2) if len(part) else "" for part in (reward, *by_good))
+        rows.append((course.agent.replace("_", " "), *cells))
+    return table(head, rows)
 
 
 def _table(courses: dict[float, list[Course]]) -> str:

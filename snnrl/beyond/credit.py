@@ -72,7 +72,7 @@ def figure_of(found: dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]) -> Fig
             axis.set_axis_off()
         for axis, (role, parts) in zip(row, roles.items(), strict=False):
             draw(axis, time, parts)
-            axis.set(title=spoken(role), xlabel=style.TIME, xlim=(0, time[-1]))
+            axis.set(title=spoken(role).replace(" ", "\n", 1), xlabel=style.TIME, xlim=(0, time[-1]))
         row[0].set_ylabel(f"{world.capitalize()}\nCredit (mV)")
     legend(drawn, loc="outside lower center", ncols=5)
     return drawn
