@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from PIL import Image
 
@@ -155,7 +156,20 @@ def draw_credit(recording: Recording) -> Figure | None:
         _draw_synapse(axes[:, column], recording, number, k)
     for row in axes:
         row[1].set(ylabel="")
+    bottom.legend(handles=_marks(), loc="outside lower center", ncols=6)
     return drawn
+
+
+def _marks() -> list[Line2D]:
+    """What the marks of `_draw_synapse` mean."""
+    pairs = {"pair that potentiates": ATTRACTION, "pair that depresses": AVOIDANCE}
+    return [
+        Line2D([], [], color=INK, marker="|", linestyle="none", ms=9, mew=1.2, label="spike"),
+        *(Line2D([], [], color=colour, linewidth=1.0, label=label) for label, colour in pairs.items()),
+        Line2D([], [], color=INK, label="eligibility"),
+        Line2D([], [], color=DOPAMINE, label="dopamine"),
+        Line2D([], [], color=DOPAMINE, marker="o", linewidth=0.8, alpha=0.7, label="reward"),
+    ]
 
 
 def _colour_of(projection: Any) -> str:
