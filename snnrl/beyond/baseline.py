@@ -123,7 +123,7 @@ def figure_of(found: Mapping[str, Outcome]) -> Figure:
         means = ([values.mean(), *student(values)] for values in (ours.food, ours.poison, ours.avoidance))
         for axis, (centre, low, high) in zip(axes, (shares, *means), strict=True):
             axis.errorbar(centre, y, xerr=[[centre - low], [high - centre]], fmt="o", color=colour, ms=4, capsize=2)
-    labels = ("Leave the orbit (%)", "Food (items/s)", "Poison (items/s)", "Mean weight, food avoidance (mV)")
+    labels = ("Leave the orbit (%)", "Food (items/s)", "Poison (items/s)", "Food avoidance, mean (mV)")
     for axis, label in zip(axes, labels, strict=True):
         axis.set(xlabel=label, xlim=(0, None))
     axes[0].set_yticks(range(len(found)), list(found))
