@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -132,17 +132,15 @@ def food_totals(runs: Runs) -> Figure:
     return drawn
 
 
-def taxis_weights(runs: Runs, name: str, sense: str, axis: Axes) -> None:
-    """Mean weights over trials, of each sensor to each motor."""
+def taxis_weights(runs: Runs, name: str, sense: str, axes: Iterable[Axes]) -> None:
+    """Mean weights over trials, of each sensor to each motor: axes for the left sensor, and for the right one."""
     run = runs[name]
-    other = {"left": "right", "right": "left"}
-    for side, line in zip(SIDES, ("-", "--"), strict=True):
-        for motor, colour in ((other[side], ATTRACTION), (side, AVOIDANCE)):
+    for axis, side, other in zip(axes, SIDES, reversed(SIDES), strict=True):
+        for motor, colour, label in ((other, ATTRACTION, "attraction"), (side, AVOIDANCE, "avoidance")):
             values = run.of_projection("weight", f"{side}_{sense}_to_{motor}_motor")
-            band(axis, run.time, values, colour, f"{side} {sense} to {motor} motor", linestyle=line)
-    axis.set(xlabel=style.TIME, ylabel=style.MEAN_WEIGHT, xlim=(0, run.time[-1]), ylim=(0, 3.6))
-    mark(axis, largest_mean(run, "taxis"), "largest possible mean")
-    legend(axis, fontsize=7, **above(3))
+            band(axis, run.time, values, colour, label)
+        axis.set(xlabel=style.TIME, xlim=(0, run.time[-1]), ylim=(0, 3.6), title=f"from the {side} {sense} sensor")
+        mark(axis, largest_mean(run, "taxis"), "largest possible mean")
 
 
 def largest_mean(run: Run, synapse: str) -> float:
@@ -153,26 +151,33 @@ def largest_mean(run: Run, synapse: str) -> float:
 
 @styled
 def food_weights(runs: Runs) -> Figure:
-    drawn, axis = figure()
-    taxis_weights(runs, "food_attraction/learning", "food", axis)
-    return drawn
+    return one_taxis(runs, "food_attraction/learning", "food")
 
 
 @styled
 def fixed_weights(runs: Runs) -> Figure:
-    drawn, axis = figure()
-    taxis_weights(runs, "secondary_behaviour/fixed_container_dopamine", "container", axis)
+    return one_taxis(runs, "secondary_behaviour/fixed_container_dopamine", "container")
+
+
+def one_taxis(runs: Runs, name: str, sense: str) -> Figure:
+    drawn, axes = figure(1, 2, sharey=True)
+    taxis_weights(runs, name, sense, axes)
+    axes[0].set(ylabel=style.MEAN_WEIGHT)
+    legend(drawn, loc="outside lower center", ncols=2)
     return drawn
 
 
 @styled
 def dual_weights(runs: Runs) -> Figure:
-    drawn, axes = figure(3, 1, height=7.5, sharex=True)
-    for axis, sense in zip(axes, ("food", "container"), strict=False):
-        taxis_weights(runs, "dual_learning/learning", sense, axis)
+    drawn, axes = figure(2, 3, width=9.0, height=5.0, sharex=True)
+    for row, sense in zip(axes, ("food", "container"), strict=True):
+        taxis_weights(runs, "dual_learning/learning", sense, row[:2])
+        row[0].set(ylabel=style.MEAN_WEIGHT)
+    for axis in axes[0]:
         axis.set(xlabel="")
-    touch_weights(axes[2], runs["dual_learning/learning"], ("food_container",))
-    legend(axes[2], fontsize=7, **above(3))
+    touch_weights(axes[1, 2], runs["dual_learning/learning"], ("food_container",))
+    axes[0, 2].set_axis_off()
+    legend(drawn, loc="outside lower center", ncols=3)
     return drawn
 
 
