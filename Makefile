@@ -22,7 +22,7 @@ types: $(TESTING)
 	$(BIN)/mypy
 
 unit: $(TESTING)
-	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile --durations 20
 
 bench: $(TESTING)
 	$(BIN)/python tools/bench.py
