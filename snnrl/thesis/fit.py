@@ -25,6 +25,7 @@ from snnrl.thesis.verdicts import p_greater
 CALIBRATION, POINTS = (Path(__file__).with_name(f"calibration.{kind}") for kind in ("json", "csv"))
 FORMER_UNIT = "standard errors"  # of a record that does not say its unit: of the difference, our spread included
 PLANES = (("potentiation", "depression"), ("tau_plus", "tau_minus"))
+SHOWN = 0.5  # units of the loss, the least change that the picture of the sensitivity tells of
 FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)  # on the values in conf/
 
 
@@ -314,7 +315,7 @@ def fronts(_: Mapping[str, Run]) -> Figure | None:
 
 @styled
 def sensitivity(_: Mapping[str, Run]) -> Figure | None:
-    """How each cell moves when one value is changed."""
+    """How each cell moves when one value is changed; those that nothing moves by SHOWN are left out."""
     record = calibration() or {}
     points = record.get("sensitivity", [])
     changed = [point for point in points if point["change"][0]]
@@ -323,11 +324,14 @@ def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     base = next(point for point in points if not point["change"][0])
     cells = sorted(base["distances"])
     shift = np.array([[p["distances"].get(c, np.nan) - base["distances"][c] for p in changed] for c in cells])
-    drawn, axis = figure(width=7.2, height=0.27 * len(cells) + 1.8)
-    image = axis.imshow(shift, cmap="PuOr", vmin=-FARTHEST, vmax=FARTHEST, aspect="auto")
+    moved = (np.abs(shift) >= SHOWN).any(1)
+    cells, shift = [cell for cell, moves in zip(cells, moved, strict=True) if moves], shift[moved]
+    drawn, axis = figure(width=3.6 + 0.3 * len(changed), height=0.22 * len(cells) + 2.2)
+    most = 0.5 * FARTHEST
+    image = axis.imshow(shift, cmap="PuOr", vmin=-most, vmax=most, aspect="auto")
     for (row, column), value in np.ndenumerate(shift):
-        if abs(value) >= 0.05:
-            colour = "white" if abs(value) > 0.6 * FARTHEST else "black"
+        if abs(value) >= SHOWN:
+            colour = "white" if abs(value) > 0.6 * most else "black"
             axis.text(column, row, f"{value:+.1f}", ha="center", va="center", fontsize=6, color=colour)
     names = [
         f"{quantity(short_name(key), '')} = {value}".replace("_", " ") for key, value in (p["change"] for p in changed)
@@ -335,5 +339,5 @@ def sensitivity(_: Mapping[str, Run]) -> Figure | None:
     axis.grid(False)
     axis.set_xticks(range(len(names)), names, rotation=60, ha="right", fontsize=7)
     axis.set_yticks(range(len(cells)), [cell.replace("_", " ") for cell in cells], fontsize=7)
-    drawn.colorbar(image, ax=axis, label=f"Change of the cell's distance ({record['unit']})", shrink=0.7)
+    drawn.colorbar(image, ax=axis, label=f"Change of the cell's distance ({record['unit']})", shrink=0.7, extend="both")
     return drawn

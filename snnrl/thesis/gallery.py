@@ -324,7 +324,8 @@ DRAWINGS = (
     Drawing(
         "sensitivity",
         "fit",
-        "How sharply each cell pins each free value: change of its distance when one value is changed.",
+        "How sharply each cell pins each free value: change of its distance when one value is changed, where it is at"
+        " least 0.5.",
         (),
         fit.sensitivity,
     ),
