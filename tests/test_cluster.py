@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from cluster import Outcome, compare
+from hydra.core.utils import JobReturn, JobStatus
+from omegaconf import OmegaConf
 
 from snnrl.configuration.compose import load
 
@@ -32,3 +38,18 @@ def test_a_cluster_of_its_own_and_a_job_that_fails(tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
     configs = [load(path.parent / "config.yaml") for path in sorted(tmp_path.glob("sweep/*/trials.csv"))]
     assert [config.network.dopamine and config.network.dopamine.delay for config in configs] == [5, 6]
+
+
+def test_a_worker_keeps_no_configuration_of_a_job_that_is_done(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """All results of a sweep are kept until its last job is done, and configurations are large."""
+    sweep = OmegaConf.create({"hydra": {"job": {"name": "run"}}})
+    context: Any = SimpleNamespace(config_loader=SimpleNamespace(load_sweep_config=lambda config, overrides: sweep))
+    done = JobReturn(overrides=["seed=3"], cfg=sweep, hydra_cfg=sweep, status=JobStatus.COMPLETED, _return_value=5)
+    snnrl_dask: Any = importlib.import_module("hydra_plugins.snnrl_dask")
+    monkeypatch.setattr(snnrl_dask, "run_job", lambda *_: done)
+    for name in ("HydraConfig", "Singleton"):
+        monkeypatch.setattr(snnrl_dask, name, Mock())
+    monkeypatch.chdir(tmp_path)
+    ended = snnrl_dask.perform(context, Mock(), sweep, {}, str(tmp_path), 7, ["seed=3"])
+    assert (ended.cfg, ended.hydra_cfg, ended.return_value) == (None, None, 5)
+    assert sweep.hydra.job.num == 7
