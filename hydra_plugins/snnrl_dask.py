@@ -6,7 +6,7 @@ A job whose worker dies is done again by another one; `snnrl.running.job` then g
 # no annotations from __future__: Hydra executes this file before it is among the modules, where dataclasses look for it
 import logging
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -63,11 +63,9 @@ class DaskLauncher(Launcher):
         job = partial(perform, self.context, self.task, self.config, Singleton.get_state(), os.getcwd())
         with ExitStack() as stack:
             client = self._client(stack)
-            # sent once to each worker, not with each job; a task, so that it is made again if workers that have it die
-            shared = client.submit(itself, job, pure=False)
             numbers = range(initial_job_idx, initial_job_idx + len(job_overrides))
             jobs = [
-                client.submit(call, shared, number, list(overrides), pure=False)
+                client.submit(job, number, list(overrides), pure=False)
                 for number, overrides in zip(numbers, job_overrides, strict=True)
             ]
             return [self._ended(future, overrides) for future, overrides in zip(jobs, job_overrides, strict=True)]
@@ -95,16 +93,6 @@ class DaskLauncher(Launcher):
             ended: JobReturn = future.result()
             return ended
         return JobReturn(overrides=list(overrides), status=JobStatus.FAILED, _return_value=error)
-
-
-def itself(job: Callable[[int, list[str]], JobReturn]) -> Callable[[int, list[str]], JobReturn]:
-    """What all jobs have in common, as a result that a worker keeps."""
-    return job
-
-
-def call(job: Callable[[int, list[str]], JobReturn], number: int, overrides: list[str]) -> JobReturn:
-    """A job of those that have all but these in common."""
-    return job(number, overrides)
 
 
 def perform(
