@@ -63,9 +63,13 @@ class DaskLauncher(Launcher):
         job = partial(perform, self.context, self.task, self.config, Singleton.get_state(), os.getcwd())
         with ExitStack() as stack:
             client = self._client(stack)
+            from distributed.protocol.pickle import dumps
+
+            # sent once to each worker, not with each job; a task, so that it is made again if workers that have it die
+            shared = client.submit(itself, dumps(job), pure=False)
             numbers = range(initial_job_idx, initial_job_idx + len(job_overrides))
             jobs = [
-                client.submit(job, number, list(overrides), pure=False)
+                client.submit(call, shared, number, list(overrides), pure=False)
                 for number, overrides in zip(numbers, job_overrides, strict=True)
             ]
             return [self._ended(future, overrides) for future, overrides in zip(jobs, job_overrides, strict=True)]
@@ -93,6 +97,19 @@ class DaskLauncher(Launcher):
             ended: JobReturn = future.result()
             return ended
         return JobReturn(overrides=list(overrides), status=JobStatus.FAILED, _return_value=error)
+
+
+def itself(job: bytes) -> bytes:
+    """What all jobs have in common, as a result that workers keep."""
+    return job
+
+
+def call(job: bytes, number: int, overrides: list[str]) -> JobReturn:
+    """One of the jobs; what they have in common is read anew for each, as a job changes it."""
+    from distributed.protocol.pickle import loads
+
+    ended: JobReturn = loads(job)(number, overrides)
+    return ended
 
 
 def perform(
