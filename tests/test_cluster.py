@@ -53,3 +53,27 @@ def test_a_worker_keeps_no_configuration_of_a_job_that_is_done(tmp_path: Path, m
     ended = snnrl_dask.perform(context, Mock(), sweep, {}, str(tmp_path), 7, ["seed=3"])
     assert (ended.cfg, ended.hydra_cfg, ended.return_value) == (None, None, 5)
     assert sweep.hydra.job.num == 7
+
+
+def test_what_jobs_share_is_sent_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And as bytes: a job changes what it is made of, and a worker could not pass that on to another one."""
+    snnrl_dask: Any = importlib.import_module("hydra_plugins.snnrl_dask")
+    sent: list[tuple[Any, ...]] = []
+
+    def submit(function: Any, *words: Any, pure: bool) -> Mock:
+        sent.append(words)
+        future = Mock(result=lambda: len(sent))
+        future.exception.return_value = None
+        return future
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(snnrl_dask, "configure_log", Mock())
+    launcher = snnrl_dask.DaskLauncher(2, None, None, 1)
+    config = OmegaConf.create({"hydra": {"hydra_logging": {}, "verbose": False, "sweep": {"dir": "sweep"}}})
+    launcher.setup(hydra_context=None, task_function=str, config=config)
+    monkeypatch.setattr(launcher, "_client", lambda stack: Mock(submit=submit))
+    launcher.launch([["seed=3"], ["seed=4"]], 5)
+    shared, *jobs = sent
+    assert [type(word) for word in shared] == [bytes]
+    assert [words[1:] for words in jobs] == [(5, ["seed=3"]), (6, ["seed=4"])]
+    assert jobs[0][0] is jobs[1][0]
