@@ -132,7 +132,9 @@ def test_what_hurts_comes_to_be_touched_less(monkeypatch: pytest.MonkeyPatch) ->
 def test_hunger_leaves_the_orbit_alike_as_negative_dopamine_and_as_pain() -> None:
     """Attraction listens to dopamine as much as, negatively, to pain; in the thesis's network avoidance helps it."""
     world = ("+experiment=avoidance", *SMALL, "trials=16", *baseline.ORBIT)
-    left = {name: baseline.escaped(*world, *options) for name, options in baseline.VARIANTS.items()}
+    left = {
+        name: baseline.escaped(*world, f"robot={robot}", *more) for name, (robot, more) in baseline.VARIANTS.items()
+    }
     assert left["dopamine alone, negative"].all()
     assert 0 < left["poison hurts, negative"].sum() < 16
     assert left["poison and hunger hurt, zero"].tolist() == left["poison hurts, negative"].tolist()
@@ -143,7 +145,7 @@ def test_hunger_leaves_the_orbit_alike_as_negative_dopamine_and_as_pain() -> Non
 
 def test_each_sign_of_the_baseline_is_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
     ours = baseline.Outcome(np.array([True, False]), np.array([1.0, 2.0]), np.array([0.1, 0.3]), np.array([0.5, 0.5]))
-    monkeypatch.setattr(baseline, "_outcome", lambda options, overrides, part: ours)
+    monkeypatch.setattr(baseline, "_outcome", lambda robot, options, overrides, part: ours)
     page = baseline.make([])
     rows = [row.split(" | ") for row in page.table.splitlines()[2:]]
     assert [row[:2] for row in rows[::6]] == [["| dopamine alone", "negative"], ["| poison and hunger hurt", "zero"]]

@@ -28,20 +28,11 @@ from snnrl.intervals import student, wilson
 from snnrl.running.schedule import ticks_of
 from snnrl.schema import FOOD
 
-LEVEL = 0.0004  # uM, that of the thesis, of either sign
-PAIN = ("network.dopamine.baseline=0.0", f"network.modulators.pain.baseline={LEVEL}")
-
-
-def signs(model: str, *options: str) -> dict[str, tuple[str, ...]]:
-    """A model with each sign of dopamine's baseline."""
-    levels = {"negative": -LEVEL, "zero": 0.0, "positive": LEVEL}
-    return {f"{model}, {name}": (*options, f"network.dopamine.baseline={level}") for name, level in levels.items()}
-
-
-VARIANTS: Mapping[str, tuple[str, ...]] = {
-    **signs("dopamine alone", *THESIS),
-    **signs("poison hurts"),
-    "poison and hunger hurt, zero": PAIN,
+SIGNS = {"negative": "learning", "zero": "no_hunger", "positive": "positive_baseline"}  # robots, by dopamine's baseline
+MODELS: Mapping[str, tuple[str, ...]] = {"dopamine alone": THESIS, "poison hurts": ()}
+VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {  # a robot, and overrides
+    **{f"{model}, {sign}": (robot, options) for model, options in MODELS.items() for sign, robot in SIGNS.items()},
+    "poison and hunger hurt, zero": ("hunger_hurts", ()),
 }
 ORBIT = (  # that of the thesis, in this robot's world
     "seconds=40",
@@ -71,15 +62,15 @@ class Outcome:
 
 def make(overrides: Sequence[str], part: float = 1.0) -> Page:
     """Run all variants; `part` of the time among food and poison, for a trial."""
-    found = {name: _outcome(options, overrides, part) for name, options in VARIANTS.items()}
+    found = {name: _outcome(*variant, overrides, part) for name, variant in VARIANTS.items()}
     return Page(_table(found), figure_of(found))
 
 
-def _outcome(options: Sequence[str], overrides: Sequence[str], part: float) -> Outcome:
+def _outcome(robot: str, options: Sequence[str], overrides: Sequence[str], part: float) -> Outcome:
     world = ("+experiment=avoidance", *options, *overrides)
-    course = follow("learning", EVERY, compose_baselines(), *world, f"seconds={part * SECONDS:g}")
+    course = follow(robot, EVERY, compose_baselines(), *world, f"seconds={part * SECONDS:g}")
     food, poison = (late(course, kind) for kind in (FOOD, "poison"))
-    return Outcome(escaped(*world, *ORBIT), food, poison, course.weights["food_avoidance"])
+    return Outcome(escaped(*world, f"robot={robot}", *ORBIT), food, poison, course.weights["food_avoidance"])
 
 
 def escaped(*overrides: str) -> np.ndarray:
