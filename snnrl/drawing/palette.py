@@ -25,6 +25,7 @@ ROBOTS: Mapping[str, str] = {
     "thesis's network": "#7f7f7f",
     # what another experiment leaves out, in the colour of what is alike
     "no_pain": "#B8A200",
+    "hunger_hurts": "#997700",
     "no_moving_dopamine": "#E69F00",
     "fixed_dopamine": "#D55E00",
     # what is done inside the network, one thing at a time, and without what does it
