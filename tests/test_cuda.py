@@ -141,6 +141,13 @@ def without_winners() -> None:
     closed_loop(simulation(*FOOD_ONLY, *options, "dtype=float64"), 3)
 
 
+def off_chip() -> None:
+    """A trial's synapses have no room in the memory of a block."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("snnrl.engines.cuda.engine.ON_CHIP", 0)
+        closed_loop(simulation(*FOOD_ONLY, "dtype=float64"), 1)
+
+
 def delays_and_loops() -> None:
     open_loop(third_network(3, 2, torch.float64), 100, 9.0, 0.0)
 
@@ -232,7 +239,7 @@ def network_with_a_rule(rule: Callable[..., Tensor]) -> tuple[Network, Tensor]:
 
 CASES = (
     *(food_only, food_only_in_float32, poison, food_container, free_readings, without_winners),
-    *(delays_and_loops, soft, approaching, depresses),
+    *(off_chip, delays_and_loops, soft, approaching, depresses),
     *(turns, without_modulators, watched, refusals),
 )
 
@@ -271,6 +278,7 @@ def compiling(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CudaEngine, dic
     assembly: dict[str, str] = {}
 
     def compile_only(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) -> None:
+        assert kernel.targetoptions["lto"] is False  # else linking optimises again, without what it is told here
         function, signature = kernel.py_func, tuple(map(typeof, given))
         assembly[function.__name__] = cuda.compile(function, signature, device=False, abi="numba", cc=(8, 0))[0]
 
@@ -313,7 +321,7 @@ def test_kernels_compile_for_a_gpu_and_keep_products_and_sums_apart(compiling: A
 
 def test_by_itself_the_compiler_would_fuse_products_and_sums(compiling: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     engine, assembly = compiling
-    monkeypatch.setattr("snnrl.engines.cuda.engine.unfused", nullcontext)
+    monkeypatch.setattr("snnrl.engines.cuda.engine.compiling", nullcontext)
     engine.run_network(*network_with_a_rule(lambda weight, change: weight * weight + change))
     assert "fma." in assembly["run_network"]
 

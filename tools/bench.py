@@ -35,7 +35,7 @@ import torch
 from limit import limit_of
 
 import snnrl.environments  # noqa: F401  # which registers them
-from snnrl.command.bench import REFERENCE_SECONDS, ROBOTS, learnt, speed
+from snnrl.command.bench import REFERENCE_SECONDS, ROBOTS, learnt, quick_on, speed
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
@@ -120,7 +120,7 @@ def main() -> None:
     parser.add_argument("--recorded", type=float, default=5000.0)
     parser.add_argument("--steps", type=int, default=5000)
     arguments = parser.parse_args()
-    quick = "fused" if arguments.device == "cpu" else "cuda"
+    quick = quick_on(arguments.device)
     try:
         engine = make_engine(quick, arguments.device, arguments.threads)
     except ConfigError as error:
@@ -130,7 +130,7 @@ def main() -> None:
         torch.set_num_threads(arguments.threads)
     for robot in ROBOTS:
         for trials in arguments.trials:
-            simulation = learnt(robot, trials, arguments.warm_up).to(arguments.device)
+            simulation = learnt(robot, trials, arguments.warm_up, arguments.device)
             threads = min(trials, arguments.threads or os.cpu_count() or 1)
             rounds = []
             for _ in range(arguments.repeats):

@@ -27,11 +27,16 @@ ROBOTS = {"food_only": "food_attraction", "food_container": "dual_learning"}
 REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 
 
-def learnt(robot: str, trials: int, warm_up: float) -> Simulation[Any]:
-    """A batch of robots that have learnt for `warm_up` simulated seconds."""
-    simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}"))
-    simulation.run(make_engine("fused", "cpu"), ticks_of(warm_up, simulation.tick))
+def learnt(robot: str, trials: int, warm_up: float, device: str = "cpu") -> Simulation[Any]:
+    """A batch of robots that have learnt for `warm_up` simulated seconds, on the compiled engine of a device."""
+    simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}")).to(device)
+    simulation.run(make_engine(quick_on(device), device), ticks_of(warm_up, simulation.tick))
     return simulation
+
+
+def quick_on(device: str) -> str:
+    """Name of the compiled engine of a device."""
+    return "fused" if device == "cpu" else "cuda"
 
 
 def speed(engine: Engine, simulation: Simulation[Any], seconds: float) -> float:
@@ -53,9 +58,9 @@ def measure(robot: str, options: argparse.Namespace) -> str:
     Raises:
         ConfigError: the engine cannot be had on the device.
     """
-    quick = make_engine("fused" if options.device == "cpu" else "cuda", options.device, options.threads)
+    quick = make_engine(quick_on(options.device), options.device, options.threads)
     slow = make_engine("reference", options.device)
-    simulation = learnt(robot, options.trials, options.warm_up).to(options.device)
+    simulation = learnt(robot, options.trials, options.warm_up, options.device)
     pairs = [
         (speed(quick, simulation, options.seconds), speed(slow, simulation, REFERENCE_SECONDS))
         for _ in range(options.repeats)

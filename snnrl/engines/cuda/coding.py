@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from numba import cuda
+from numba import cuda, types
 
 from snnrl.engines.cuda.compiler import barrier, real
-from snnrl.engines.cuda.network import ELEMENT, SHARED, begin, step
+from snnrl.engines.cuda.network import ELEMENT, after, begin, step
 from snnrl.engines.cuda.plasticity import store_synapses
 from snnrl.engines.cuda.poisson import poisson_of_mean
 from snnrl.engines.fused.coding import decode
 from snnrl.engines.fused.draws import UNIT, bits, uniform
 from snnrl.engines.fused.world import sense, step_world
-from snnrl.engines.layout import START
+from snnrl.engines.layout import SIZE, START
 from snnrl.model.draws import count_up
 
 
@@ -26,31 +26,46 @@ def begin_tick(t, s, w, world, coding, trial, now):
     w.sign[0] = world.sign[trial]  # as a real number
 
 
-def inject(t, w, coding, trial, now, first, largest):
-    """The current from outside of every neuron in this ms, in `injected`; `first` is the tick's first ms."""
-    number, explorer = t.trials[trial], coding.motors[w.motor[0]]
-    for n in range(w.lane, w.injected.shape[0], w.lanes):
+def inject(t, w, coding, trial, first, largest):
+    """The current from outside of every neuron in a tick's first ms, in `injected`; what stays of it, in `held`."""
+    n, number = w.lane, t.trials[trial]
+    while n < w.injected.shape[0]:
         g = t.group_of[n]
         index = n - t.groups[g, START]
-        w.injected[n] = 0.0
+        current, held = real(0.0), real(0.0)
         for r in range(coding.ranges.shape[0]):
             for eye in range(2):
                 value = w.seen[r, eye]
                 if coding.ranges[r, eye] == g and value > 0.0:
-                    if now == first:
-                        draw = bits(t.seed, coding.range_streams[r, eye], number, now, index)
-                        count = poisson_of_mean(draw * UNIT, coding.range_mean * value, largest)
-                        w.injected[n] += coding.range_gain * real(count)
-                    w.injected[n] += real(coding.range_current * value)
-        if now == first:
-            for kind in range(coding.touches.shape[0]):
-                if coding.touches[kind] == g and w.touched[kind] > 0:
-                    draw = bits(t.seed, coding.touch_streams[kind], number, now, index)
-                    w.injected[n] += coding.touch_gain * real(poisson(draw, coding.touch_thresholds))
-        if g == explorer:
-            drawn = first if coding.held else now
-            draw = bits(t.seed, coding.exploration_streams[w.motor[0]], number, drawn, index)
+                    draw = bits(t.seed, coding.range_streams[r, eye], number, first, index)
+                    count = poisson_of_mean(draw * UNIT, coding.range_mean * value, largest)
+                    current += coding.range_gain * real(count)
+                    current += real(coding.range_current * value)
+                    held += real(coding.range_current * value)
+        for kind in range(coding.touches.shape[0]):
+            if coding.touches[kind] == g and w.touched[kind] > 0:
+                draw = bits(t.seed, coding.touch_streams[kind], number, first, index)
+                current += coding.touch_gain * real(poisson(draw, coding.touch_thresholds))
+        w.injected[n], w.held[n] = current, held
+        n += w.lanes
+
+
+def explore(t, w, coding, trial, now, first):
+    """Add what moves the robot when it sees nothing, in every ms; `first` is the tick's first.
+
+    Pulses are over in the second ms; from then on only the neurons that explore get another current.
+    """
+    g = coding.motors[w.motor[0]]
+    n, start, drawn = w.lane, t.groups[g, START], first if coding.held else now
+    while n < w.injected.shape[0]:
+        index = n - start
+        exploring = 0 <= index < t.groups[g, SIZE]
+        if now == first + 1 or (exploring and now > first):
+            w.injected[n] = w.held[n]
+        if exploring:
+            draw = bits(t.seed, coding.exploration_streams[w.motor[0]], t.trials[trial], drawn, index)
             w.injected[n] += coding.exploration_gain * real(poisson(draw, coding.exploration_thresholds))
+        n += w.lanes
 
 
 def poisson(draw, thresholds):
@@ -63,15 +78,19 @@ def poisson(draw, thresholds):
 
 def run_robot(t, s, scratch, time, world, coding, largest, ticks, raster):
     """Closed loop: `ticks` control ticks. No count of spikes of a range sensor is `largest` or more."""
-    trial = cuda.blockIdx.x
-    memory = cuda.shared.array(0, ELEMENT) if SHARED else scratch.memory[trial]
-    w = begin(t, s, scratch, memory, trial, cuda.threadIdx.x, cuda.blockDim.x)
+    trial, slots = cuda.blockIdx.x, s.pending.shape[1]
+    doubles = cuda.shared.array(0, types.float64)
+    reals = cuda.shared.array(0, ELEMENT)
+    w = begin(t, s, scratch, doubles, reals, trial, cuda.threadIdx.x, cuda.blockDim.x)
+    slot = time % slots
     for k in range(ticks):
         first = time + k * coding.tick
         if w.lane == 0:
             begin_tick(t.tables, s, w, world, coding, trial, first)
         barrier()
+        inject(t.tables, w, coding, trial, first, largest)
         for row in range(coding.tick):
-            inject(t.tables, w, coding, trial, first + row, first, largest)
-            step(t, s, w, trial, first + row, w.sign[0], real(0.0), raster, k * coding.tick + row)
-    store_synapses(t.tables, t.wiring, s, w, trial)
+            explore(t.tables, w, coding, trial, first + row, first)
+            step(t, s, w, trial, first + row, slot, w.sign[0], real(0.0), raster, k * coding.tick + row)
+            slot = after(slot, slots)
+    store_synapses(t, s, w, trial)

@@ -20,13 +20,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from numba import cuda
+from numba import cuda, types
 
 from snnrl.engines.cuda import scalars
 from snnrl.engines.fused.compiler import NUMBERS, placeholder, settings
 from snnrl.errors import ConfigError
 
 SIMULATED = bool(settings.ENABLE_CUDASIM)
+BLOCKS = 8  # that have room on a multiprocessor at least
+PARTS = 4 if SIMULATED else 16  # of a sum, which one thread each adds up; no block has fewer threads
 jit: Any = cuda.jit
 KNOWN = {name: value for name, value in vars(scalars).items() if isinstance(value, FunctionType)}
 _UNKNOWN = object()
@@ -38,6 +40,16 @@ def barrier():
 
 
 @placeholder
+def anywhere(flag):
+    """All threads of a block wait for each other; returns whether the flag of any is set."""
+
+
+@placeholder
+def count(array, index):
+    """Add one to a whole number in an array, whatever other threads do."""
+
+
+@placeholder
 def real(number):
     """A number in the network's precision."""
 
@@ -46,27 +58,56 @@ def _wait():
     cuda.syncthreads()
 
 
+def _anywhere(flag):
+    return cuda.syncthreads_or(np.int32(flag)) != 0
+
+
+def _count(array, index):
+    cuda.atomic.add(array, index, 1)
+
+
 def _wait_simulated():
     threading.current_thread().syncthreads()
 
 
-@contextmanager
-def unfused() -> Iterator[None]:
-    """Compiles what is first called inside so that a product and a sum stay two operations, as they are in torch.
+def _anywhere_simulated(flag):
+    return threading.current_thread().syncthreads_or(flag) != 0
 
-    NVVM can do it; numba-cuda has no option for it.
+
+def _count_simulated(array, index):
+    with _counting:
+        array[index] += 1
+
+
+_counting = threading.Lock()
+_TOGETHER = {"barrier": _wait, "anywhere": _anywhere, "count": _count}
+_TOGETHER_SIMULATED = {"barrier": _wait_simulated, "anywhere": _anywhere_simulated, "count": _count_simulated}
+
+
+@contextmanager
+def compiling() -> Iterator[None]:
+    """How what is first called inside is compiled, for which numba-cuda has no options.
+
+    A product and a sum stay two operations, as they are in torch: NVVM can do it. And no index is counted from an end,
+    which would have to be asked of every one.
     """
     if SIMULATED:
         yield
         return
     from numba.cuda.cudadrv import nvvm
+    from numba.cuda.np import arrayobj
 
-    compile_ir = nvvm.compile_ir
-    nvvm.compile_ir = partial(compile_ir, fma=False)
+    compile_ir, fix_integer_index = nvvm.compile_ir, arrayobj.fix_integer_index
+    nvvm.compile_ir, arrayobj.fix_integer_index = partial(compile_ir, fma=False), _from_the_start
     try:
         yield
     finally:
-        nvvm.compile_ir = compile_ir
+        nvvm.compile_ir, arrayobj.fix_integer_index = compile_ir, fix_integer_index
+
+
+def _from_the_start(context: Any, builder: Any, kind: Any, index: Any, size: Any) -> Any:
+    """An index as numba-cuda works with it."""
+    return context.cast(builder, index, kind, types.intp if kind.signed else types.uintp)
 
 
 class Program:
@@ -80,15 +121,15 @@ class Program:
 
     def __init__(self, real: Any, names: Mapping[str, Any]) -> None:
         self.real = real
-        self.names = {**names, "real": real, "barrier": _wait_simulated if SIMULATED else _wait}
+        self.names = {**names, "real": real, **(_TOGETHER_SIMULATED if SIMULATED else _TOGETHER)}
         self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
 
     def kernel(self, function: Callable[..., Any], threads: int) -> Any:
         """A kernel, to be launched with blocks of so many threads at most."""
         if SIMULATED:
             return jit(self.seen(function, self.real))
-        # linking optimises again, and would fuse (see `unfused`); two blocks have room on a multiprocessor
-        return jit(lto=False, launch_bounds=(threads, 2))(self.seen(function, self.real))
+        # linking optimises again, and would fuse (see `compiling`); as a decorator with arguments `jit` forgets `lto`
+        return jit(self.seen(function, self.real), lto=False, launch_bounds=(threads, BLOCKS))
 
     def seen(self, function: Any, real: Any) -> FunctionType:
         """A function whose names and constants mean what they do in compiled code.

@@ -19,10 +19,10 @@ from torch import Tensor
 
 from snnrl.body.robot import Robot
 from snnrl.engines.cuda.coding import run_robot
-from snnrl.engines.cuda.compiler import SIMULATED, Program, unfused
+from snnrl.engines.cuda.compiler import SIMULATED, Program, compiling
 from snnrl.engines.cuda.network import Described, run_network
-from snnrl.engines.cuda.neurons import stepping
-from snnrl.engines.cuda.work import State, put_back, scratch_for, side_by_side, wiring_of
+from snnrl.engines.cuda.neurons import spikes_of, stepping
+from snnrl.engines.cuda.work import State, put_back, scratch_for, side_by_side, sizes_of, wiring_of
 from snnrl.engines.fused.coding import coding_arrays
 from snnrl.engines.fused.engine import check_compiled, describe
 from snnrl.engines.fused.modulators import releasing
@@ -35,7 +35,7 @@ from snnrl.errors import ConfigError
 from snnrl.model.draws import poisson_table_size
 from snnrl.model.network import Network, SynapseTable
 
-LANES = 4 if SIMULATED else 256  # most threads of a block; each of the simulator's is one of Python's
+LANES = 4 if SIMULATED else 128  # most threads of a block; each of the simulator's is one of Python's
 LEAST = 4 if SIMULATED else 32
 ON_CHIP = 48 * 1024  # bytes of shared memory that every block may have
 TICKS = 100  # of a launch at most: the interpreter cannot be interrupted before it ends
@@ -148,12 +148,12 @@ class Launch:
     ) -> None:
         self.network, self.lanes = network, _lanes(network)
         self.modulators = side_by_side(network, tables)
-        memory = 2 * arrays.wiring.synapses  # weights and eligibilities of a trial
-        size = memory * network.pending.itemsize
+        learnt, sums = sizes_of(arrays.wiring, self.lanes)
+        size = 2 * learnt * network.pending.itemsize + 8 * sums
         on_chip = size <= ON_CHIP
         self.kernels = kernels(functions, real_of(network), on_chip)
         self.shared = size if on_chip else 0
-        room = scratch_for(network, tables, 0 if on_chip else memory, self.lanes, kinds, sensors)
+        room = scratch_for(network, arrays.wiring, on_chip, len(tables.signals), self.lanes, kinds, sensors)
         self.given = arrays, _state(network, self.modulators), _on_device(room, network.device)
 
     def __call__(self, kernel: Callable[..., None], steps: int, *given: Any) -> None:
@@ -163,7 +163,7 @@ class Launch:
         arguments = (*self.given, int(network.time), *given)
         if not SIMULATED:
             torch.cuda.synchronize(network.device)  # torch may work on another stream
-        with unfused(), warnings.catch_warnings():
+        with compiling(), warnings.catch_warnings():
             if SIMULATED:
                 warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, where a compiled number just overflows
             try:
@@ -189,17 +189,15 @@ def kernels(functions: Functions, real: Any, on_chip: bool) -> dict[str, Any]:
 
     `on_chip` is whether weights and eligibilities are in shared memory while they run.
     """
-    constants = {"SHARED": on_chip, "ELEMENT": types.float64 if real is np.float64 else types.float32}
-    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **constants})
+    element = types.float64 if real is np.float64 else types.float32
+    names = {"SHARED": on_chip, "ELEMENT": element, "WIDE": np.dtype(real).itemsize, "spikes_of": spikes_of}
+    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **names})
     return {kernel.__name__: program.kernel(kernel, LANES) for kernel in (run_network, run_robot)}
 
 
 def _lanes(network: Network) -> int:
-    """Threads of a block: a power of two, and no more than there are neurons, as far as that is possible."""
-    lanes = LEAST
-    while lanes < min(LANES, network.size):
-        lanes *= 2
-    return lanes
+    """Threads of a block: one for each neuron, in whole warps, as far as a block may have so many."""
+    return min(LANES, -(-network.size // LEAST) * LEAST)
 
 
 def _state(network: Network, modulators: dict[str, Tensor]) -> State:

@@ -4,45 +4,53 @@ from __future__ import annotations
 
 import numpy as np
 
-from snnrl.engines.cuda.compiler import barrier
-from snnrl.engines.fused.lists import synapses_of
-from snnrl.engines.layout import SET
+from snnrl.engines.cuda.compiler import PARTS, anywhere, barrier
+from snnrl.engines.cuda.work import IN_SET
 from snnrl.model.homeostasis import lowered
 
 
 def dampen(t, wiring, w, trial):
-    """Lower the sets whose mean is too high."""
-    for k in range(t.set_step.shape[0]):
-        if total_weight(t, wiring, w, trial, k) > t.set_limit[trial, k]:
-            for p in range(t.projections.shape[0]):
-                if t.projections[p, SET] == k:
-                    first, last = places(t, wiring, p, trial)
-                    for i in range(first + w.lane, last, w.lanes):
-                        w.memory[i] = lowered(w.memory[i], t.set_step[k], wiring.least[p])
-
-
-def places(t, wiring, p, trial):
-    """Where a trial's weights of a projection begin and end."""
-    low, high = synapses_of(t, p, trial)
-    return wiring.begins[p, trial], wiring.begins[p, trial] + high - low
-
-
-def total_weight(t, wiring, w, trial, k):
-    """The sum of a set's weights, float64, the same in all threads; the order of additions depends on `lanes` alone."""
-    mine = np.float64(0.0)
-    for p in range(t.projections.shape[0]):
-        if t.projections[p, SET] == k:
-            first, last = places(t, wiring, p, trial)
-            for i in range(first + w.lane, last, w.lanes):
-                mine += np.float64(w.memory[i])
-    w.partial[w.lane] = mine
-    half = w.lanes // 2
-    while half > 0:
-        barrier()
-        if w.lane < half:
-            w.partial[w.lane] += w.partial[w.lane + half]
-        half //= 2
+    """Lower the sets whose mean is too high, and wait for each other."""
+    sets = t.set_step.shape[0]
+    if sets == 0:
+        return
     barrier()
-    total = w.partial[0]
-    barrier()  # before it becomes another set's
+    add_up(w, wiring.runs.shape[0])
+    barrier()
+    mine = False
+    k = w.lane
+    while k < sets:
+        w.over[k] = total_weight(wiring, w, k) > t.set_limit[trial, k]
+        mine = mine or w.over[k]
+        k += w.lanes
+    if anywhere(mine):
+        for r in range(wiring.runs.shape[0]):
+            which = wiring.runs[r, IN_SET]
+            if which >= 0 and w.over[which]:
+                i, end = wiring.begins[trial, r] + w.lane, wiring.begins[trial, r + 1]
+                while i < end:
+                    w.weight[i] = lowered(w.weight[i], t.set_step[which], wiring.least[r])
+                    i += w.lanes
+
+
+def add_up(w, runs):
+    """Of the sum of each run's weights, make PARTS parts of those of all threads; their order is always the same."""
+    k = w.lane
+    while k < runs * PARTS:
+        first = k // PARTS * w.lanes + k % PARTS
+        i, total = first, np.float64(0.0)
+        while i < first - k % PARTS + w.lanes:
+            total += w.partial[i]
+            i += PARTS
+        w.partial[first] = total
+        k += w.lanes
+
+
+def total_weight(wiring, w, k):
+    """The sum of a set's weights."""
+    total = np.float64(0.0)
+    for r in range(wiring.runs.shape[0]):
+        if wiring.runs[r, IN_SET] == k:
+            for i in range(PARTS):
+                total += w.partial[r * w.lanes + i]
     return total

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from numba import cuda
+from numba import cuda, types
 
-from snnrl.engines.cuda.compiler import barrier, real
+from snnrl.engines.cuda.compiler import anywhere, barrier, real
 from snnrl.engines.cuda.homeostasis import dampen
-from snnrl.engines.cuda.neurons import count_spikes, update_cells
+from snnrl.engines.cuda.neurons import update_cells
 from snnrl.engines.cuda.plasticity import learn, load_synapses, send, store_synapses
 from snnrl.engines.cuda.work import Work
 from snnrl.engines.fused.modulators import signal_of, step_modulators
@@ -23,22 +23,30 @@ class Described(NamedTuple):
 
 # what a `Program` says
 SHARED: Any = None  # whether weights and eligibilities are in memory of the block, on its processor
+WIDE: Any = None  # bytes of a real number
 ELEMENT: Any = None  # numba's type of real numbers
 
 
-def begin(t, s, scratch, memory, trial, lane, lanes):
-    """A thread's view of its trial, which is made ready for the first ms of a launch."""
+def begin(t, s, scratch, doubles, reals, trial, lane, lanes):
+    """A thread's view of its trial, which is made ready for the first ms of a launch.
+
+    `doubles` and `reals` are both all the memory of the block, on its processor.
+    """
+    learnt, sums = scratch.sizes
+    first = 2 * sums if WIDE == 4 else sums  # weights are behind the sums, as real numbers
     w = Work(
         lane,
         lanes,
-        memory,
+        reals[first : first + learnt] if SHARED else scratch.weight[trial],
+        reals[first + learnt : first + 2 * learnt] if SHARED else scratch.eligibility[trial],
+        doubles[:sums] if SHARED else scratch.partial[trial],
         scratch.injected[trial],
+        scratch.held[trial],
         scratch.fired[trial],
         scratch.earlier[trial],
-        scratch.first[trial],
-        scratch.latest[trial],
+        scratch.spikes[trial],
+        scratch.over[trial],
         scratch.signal[trial],
-        scratch.partial[trial],
         s.level[trial],
         s.total[trial],
         s.rate[trial],
@@ -48,51 +56,66 @@ def begin(t, s, scratch, memory, trial, lane, lanes):
         scratch.motor[trial],
         scratch.sign[trial],
     )
-    load_synapses(t.tables, t.wiring, s, w, trial)
-    if lane == 0:
-        w.latest[0] = -1
-        w.first[0] = 0
+    load_synapses(t, s, w, trial)
+    clear_spikes(w)
     barrier()
     return w
 
 
+def clear_spikes(w):
+    """No group has fired."""
+    g = w.lane
+    while g < w.spikes.shape[0]:
+        w.spikes[g] = 0
+        g += w.lanes
+
+
 def modulate(t, w, now, any_fired, sign, reward):
     """Step 3, by one thread: it also says what synapses now listen to."""
-    for g in range(t.groups.shape[0]):
-        w.first[g + 1] = w.first[g] + w.first[g + 1] if any_fired else 0
     step_modulators(t, w, now, 1 if any_fired else 0, sign, reward)
     for signal in range(t.signals.shape[0]):
         w.signal[signal] = signal_of(t, w, signal)
 
 
-def step(t, s, w, trial, now, sign, reward, raster, row):
-    """One ms of a trial, whose current from outside is in `injected`; the order is that of `Network.step`."""
-    update_cells(t, s, w, trial, now, raster, row)
-    barrier()
-    any_fired = w.latest[0] == now
-    if any_fired:
-        count_spikes(t, s, w, trial)
-        barrier()
+def step(t, s, w, trial, now, slot, sign, reward, raster, row):
+    """One ms of a trial, whose current from outside is in `injected`; the order is that of `Network.step`.
+
+    `slot` is where in `pending` this ms is.
+    """
+    some, senders = update_cells(t, s, w, trial, now, slot, raster, row)
+    any_fired = anywhere(some)
     if w.lane == 0:
         modulate(t.tables, w, now, any_fired, sign, reward)
-    barrier()
-    if t.tables.signals.shape[0] > 0:
+    any_sends = anywhere(senders)
+    if any_fired:
+        clear_spikes(w)
+    if t.wiring.runs.shape[0] > 0:
         learn(t.tables, t.wiring, s, w, trial, now, any_fired)
         dampen(t.tables, t.wiring, w, trial)
-    if any_fired:
+    if any_sends:
         barrier()
-        send(t.tables, t.wiring, s, w, trial, now)
+        send(t.tables, t.wiring, s, w, trial, slot)
     barrier()
+
+
+def after(slot, slots):
+    """Where in `pending` the next ms is."""
+    return slot + 1 if slot + 1 < slots else 0
 
 
 def run_network(t, s, scratch, time, injected, sign, raster, reward):
     """Open loop: all rows of `injected` [T, B, N]; `reward` is [T, B] or [0, B]."""
-    trial = cuda.blockIdx.x
-    memory = cuda.shared.array(0, ELEMENT) if SHARED else scratch.memory[trial]
-    w = begin(t, s, scratch, memory, trial, cuda.threadIdx.x, cuda.blockDim.x)
+    trial, slots = cuda.blockIdx.x, s.pending.shape[1]
+    doubles = cuda.shared.array(0, types.float64)
+    reals = cuda.shared.array(0, ELEMENT)
+    w = begin(t, s, scratch, doubles, reals, trial, cuda.threadIdx.x, cuda.blockDim.x)
+    slot = time % slots
     for k in range(injected.shape[0]):
-        for n in range(w.lane, injected.shape[2], w.lanes):
+        n = w.lane
+        while n < injected.shape[2]:
             w.injected[n] = injected[k, trial, n]
+            n += w.lanes
         given = reward[k, trial] if reward.shape[0] > 0 else real(0.0)
-        step(t, s, w, trial, time + k, sign[trial], given, raster, k)
-    store_synapses(t.tables, t.wiring, s, w, trial)
+        step(t, s, w, trial, time + k, slot, sign[trial], given, raster, k)
+        slot = after(slot, slots)
+    store_synapses(t, s, w, trial)

@@ -1,11 +1,14 @@
-"""Steps 1 and 2 of `Network.step`: input and neurons, a thread for each."""
+"""Steps 1 and 2 of `Network.step`: input and neurons, a thread for each.
+
+Spikes are counted by atomic operations, on whole numbers: their order does not matter.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from snnrl.engines.cuda.compiler import real
+from snnrl.engines.cuda.compiler import count, real
 from snnrl.engines.fused.compiler import placeholder, spelled
 from snnrl.engines.fused.draws import UNIT, bits
 from snnrl.engines.layout import NOISE_STREAM, SIZE, START, Functions
@@ -18,9 +21,9 @@ def step_cell(model, packed, trial, n, current):
     """One ms of a neuron; returns whether it fired."""
 
 
-def background(t, g, trial, n, now):
-    """Constant or noisy background current."""
-    tables, current = t.tables, t.tables.background[n]
+def background(t, trial, n, now):
+    """Background current of a neuron that has a noisy one."""
+    tables, current, g = t.tables, t.tables.background[n], t.tables.group_of[n]
     seed, number, index = tables.seed, tables.trials[trial], n - tables.groups[g, START]
     for q in range(t.wiring.noises[g], t.wiring.noises[g + 1]):
         noise = t.wiring.noise[q]
@@ -45,32 +48,36 @@ def background(t, g, trial, n, now):
     return current
 
 
-def update_cells(t, s, w, trial, now, raster, row):
-    """One ms of all neurons, whose current from outside is in `injected`; who fired goes to `fired`."""
-    slot = now % s.pending.shape[1]
+def update_cells(t, s, w, trial, now, slot, raster, row):
+    """One ms of all neurons, whose current from outside is in `injected`.
+
+    Who fired goes to `fired`; returns whether any of this thread's did, and whether any of these has synapses to send.
+    """
     shown = raster.shape[0] > 0 and trial < raster.shape[1]
-    for n in range(w.lane, s.last_spike.shape[1], w.lanes):
-        current = s.pending[trial, slot, n] + background(t, t.tables.group_of[n], trial, n, now) + w.injected[n]
+    n, some, senders = w.lane, False, False
+    while n < s.last_spike.shape[1]:
+        current = s.pending[trial, slot, n]
+        current += background(t, trial, n, now) if t.wiring.noisy[n] else t.tables.background[n]
+        current += w.injected[n]
         s.pending[trial, slot, n] = 0.0
         fired = step_cell(t.tables.model_of[n], s.packed, trial, n, current)
         w.fired[n] = fired
-        w.earlier[n] = s.last_spike[trial, n]
         if fired:
+            w.earlier[n] = s.last_spike[trial, n]
             s.last_spike[trial, n] = now
-            w.latest[0] = now
+            g = t.tables.group_of[n]
+            count(w.spikes, g)
+            count(s.spike_count, (trial, g))
+            some, senders = True, senders or t.wiring.sends[n]
         if shown:
             raster[row, trial, n] = 1 if fired else 0
+        n += w.lanes
+    return some, senders
 
 
-def count_spikes(t, s, w, trial):
-    """How many of each group fired; for now, `first` holds that."""
-    for g in range(w.lane, t.tables.groups.shape[0], w.lanes):
-        count, start = 0, t.tables.groups[g, START]
-        for n in range(start, start + t.tables.groups[g, SIZE]):
-            if w.fired[n]:
-                count += 1
-        s.spike_count[trial, g] += count
-        w.first[g + 1] = count
+def spikes_of(w, g):
+    """How many of a group fired in this ms."""
+    return w.spikes[g]
 
 
 def stepping(functions: Functions) -> dict[str, Callable[..., Any]]:

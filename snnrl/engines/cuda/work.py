@@ -8,8 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from snnrl.engines.layout import NOISE_GROUP, SOURCES_END, Tables
+from snnrl.engines.layout import BOUNDS, NOISE_GROUP, NONE, RULE, SET, SIGNAL, SOURCES_END, WEIGHT_RULE, Tables
 from snnrl.model.network import Network
+
+# columns of Wiring.runs
+BY, HEARS, IN_SET, BY_WEIGHT_RULE, BOUNDS_AT = range(5)
+SLICE = 32  # neurons whose synapses are side by side: a warp's
 
 
 class State(NamedTuple):
@@ -28,32 +32,46 @@ class State(NamedTuple):
 
 
 class Wiring(NamedTuple):
-    """What `Tables` do not say. A trial's own synapses are counted from 0, in the network's order: their `place`."""
+    """What `Tables` do not say. A trial's synapses are counted from 0, those of a run side by side: their `place`.
 
-    begins: Any  # int64 [P, B], place of the first of each projection
-    entering: Any  # int64 [B * N + 1], where each neuron's synapses begin in what follows, in the network's order:
-    place: Any  # int32 [S]
-    source: Any  # int32 [S], presynaptic neurons
-    delay: Any  # int32 [S], ms
-    least: Any  # real [P], the least weight
+    A run is what learns alike: by one rule, listening to the same, in one set. Behind the R runs are the synapses that
+    do not learn. Numbers that are stored are unsigned and as small as they can be: an index that cannot be negative
+    is cheaper, and there are many.
+    """
+
+    runs: Any  # int64 [R, 5]
+    decay: Any  # real [R], what a ms leaves of an eligibility
+    begins: Any  # int64 [B, R + 1], place of the first of each run, and of those that do not learn
+    least: Any  # real [R], the least weight
+    at: Any  # int32 [B, S], where a place is among all synapses of the network
+    pre: Any  # [B, L], of synapses that learn
+    post: Any  # [B, L]
+    entering: Any  # int32 [B, N], how many synapses each neuron has
+    slices: Any  # int64 [B, N / SLICE], where the first ones of so many neurons begin in what follows:
+    source: Any  # presynaptic neurons, in the network's order of synapses; the next of a neuron is SLICE further on
+    place: Any
+    delay: Any  # ms
+    sends: Any  # bool [N], whether any synapse leaves it
+    noisy: Any  # bool [N], whether the background is
     noises: Any  # int64 [G + 1], where each group's begin in `noise`
     noise: Any  # int64 [Q], rows of `Tables.noises`, group by group, uniform ones before Gaussian ones and kicks
-    synapses: Any  # the most that a trial has
 
 
 class Work(NamedTuple):
     """A block's; the same for all of its threads but for `lane`."""
 
     lane: Any  # which of the threads
-    lanes: Any  # how many, a power of two
-    memory: Any  # real [2 * synapses], weights by place, and behind them eligibilities
+    lanes: Any  # how many
+    weight: Any  # real [L], by place
+    eligibility: Any  # real [L]
+    partial: Any  # float64 [R * lanes], of sums of weights
     injected: Any  # real [N], current from outside in this ms
+    held: Any  # real [N], that of it which stays for all ms of a tick
     fired: Any  # bool [N]
-    earlier: Any  # int64 [N], last spikes before this ms
-    first: Any  # int64 [G + 1], where each group's spikes begin among those of this ms
-    latest: Any  # int64 [1], the last ms in which any neuron fired
+    earlier: Any  # int64 [N], of those that fired, the last spike before this ms
+    spikes: Any  # int64 [G], of each group in this ms
+    over: Any  # bool [K], whether a set is above its limit
     signal: Any  # real [Sg], what synapses listen to
-    partial: Any  # float64 [lanes], of a sum
     level: Any  # of the trial's modulators, see `State`
     total: Any
     rate: Any
@@ -65,16 +83,19 @@ class Work(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for what is in `Work`, of all trials, [B, ...]."""
+    """Room for what is in `Work`, of all trials, [B, ...]; the first three only if a block has no room for them."""
 
-    memory: Any
+    weight: Any
+    eligibility: Any
+    partial: Any
+    sizes: Any  # (L, R * lanes)
     injected: Any
+    held: Any
     fired: Any
     earlier: Any
-    first: Any
-    latest: Any
+    spikes: Any
+    over: Any
     signal: Any
-    partial: Any
     touched: Any
     seen: Any
     motor: Any
@@ -83,50 +104,101 @@ class Scratch(NamedTuple):
 
 def wiring_of(network: Network, tables: Tables) -> Wiring:
     """The wiring of a network."""
-    table, projections = network.synapses, list(network.projections.values())
-    post = table.post.cpu().numpy()
-    order = np.argsort(post, kind="stable")
-    counts = np.array([projection.count.cpu().numpy() for projection in projections], np.int64)
-    counts = counts.reshape(len(projections), network.trials)
-    begins = np.cumsum(counts, 0) - counts
-    # of each part of the table, one projection's synapses of one trial, how far its places are from where it stands
-    shift = begins.ravel() - (np.cumsum(counts) - counts.ravel())
-    place = np.arange(len(post)) + np.repeat(shift, counts.ravel())
-    rules = [projection.rule for projection in projections]
+    table, projections, trials = network.synapses, list(network.projections.values()), network.trials
+    learnt = [tuple(row) for row in tables.projections[:, [RULE, SIGNAL, SET]].tolist()]
+    runs = list(dict.fromkeys(run for run in learnt if run[0] != NONE))
+    run_of = np.array([runs.index(run) if run in runs else len(runs) for run in learnt], np.int64)
+    sizes = np.array([projection.count.cpu().numpy() for projection in projections], np.int64).reshape(-1, trials)
+    # of each synapse, in the network's order: its trial, its run, and in a stable order of both its place
+    trial = np.repeat(np.tile(np.arange(trials), len(projections)), sizes.ravel())
+    run = np.repeat(np.repeat(run_of, trials), sizes.ravel())
+    counts = np.zeros((trials, len(runs) + 1), np.int64)
+    np.add.at(counts, (trial, run), 1)
+    begins = np.cumsum(counts, 1) - counts
+    count = counts.sum(1)
+    order = np.lexsort((run, trial))
+    place = np.empty(len(trial), np.int64)
+    place[order] = np.arange(len(trial)) - np.repeat(np.cumsum(count) - count, count)
+    at = np.zeros((trials, count.max(initial=0)), np.int32)
+    at[trial, place] = np.arange(len(trial))
+    ends = [(end % network.size).cpu().numpy() for end in (table.pre, table.post)]
+    ends_learnt = np.zeros((2, trials, begins[:, -1].max(initial=0)), smallest(network.size))
+    learns = run < len(runs)
+    ends_learnt[:, trial[learns], place[learns]] = [end[learns] for end in ends]
     noisy = tables.noises[:, NOISE_GROUP]
     return Wiring(
+        runs=np.array([(*run, *tables.rules[run[0], [WEIGHT_RULE, BOUNDS]]) for run in runs], np.int64).reshape(-1, 5),
+        decay=tables.fading[[rule for rule, _, _ in runs], 1],
         begins=begins,
-        entering=np.searchsorted(post[order], np.arange(network.trials * network.size + 1)),
-        place=place[order].astype(np.int32),
-        source=tables.source[order],
-        delay=table.delay.cpu().numpy()[order].astype(np.int32),
-        least=np.array([0.0 if rule is None else rule.weight_min for rule in rules], tables.signals.dtype),
+        least=tables.least[[rule for rule, _, _ in runs]],
+        at=at,
+        pre=ends_learnt[0],
+        post=ends_learnt[1],
+        **_entering(network, trial, *ends, place, table.delay.cpu().numpy()),
+        sends=np.isin(np.arange(network.size), ends[0]),
+        noisy=np.isin(tables.group_of, noisy),
         noises=np.searchsorted(np.sort(noisy), np.arange(len(network.groups) + 1)),
         noise=np.argsort(noisy, kind="stable"),
-        synapses=int(counts.sum(0).max(initial=0)),
     )
 
 
-def scratch_for(network: Network, tables: Tables, memory: int, lanes: int, kinds: int, sensors: int) -> Scratch:
+def _entering(network: Network, trial: Any, pre: Any, post: Any, place: Any, delay: Any) -> dict[str, Any]:
+    """The synapses of each neuron, so that those of SLICE neighbours lie side by side."""
+    slices = -(-network.size // SLICE)
+    entering = np.zeros((network.trials, network.size), np.int32)
+    np.add.at(entering, (trial, post), 1)
+    padded = np.zeros((network.trials, slices * SLICE), np.int64)
+    padded[:, : network.size] = entering
+    rows = padded.reshape(-1, SLICE).max(1)
+    begins = (np.cumsum(rows) - rows) * SLICE
+    order = np.lexsort((post, trial))
+    counts = entering.ravel()
+    number = np.arange(len(post)) - np.repeat(np.cumsum(counts) - counts, counts)  # among those of its neuron
+    where = begins[trial[order] * slices + post[order] // SLICE] + number * SLICE + post[order] % SLICE
+    values = {}
+    for name, value in (("source", pre), ("place", place), ("delay", delay)):
+        values[name] = np.zeros(int(rows.sum()) * SLICE, smallest(int(value.max(initial=0)) + 1))
+        values[name][where] = value[order]
+    return {"entering": entering, "slices": begins.reshape(network.trials, slices), **values}
+
+
+def smallest(count: int) -> Any:
+    """The smallest unsigned type that counts so many."""
+    return np.min_scalar_type(max(count - 1, 0))
+
+
+def scratch_for(
+    network: Network, wiring: Wiring, on_chip: bool, signals: int, lanes: int, kinds: int, sensors: int
+) -> Scratch:
     """Room for all trials, as tensors."""
 
     def room(size: int, dtype: torch.dtype) -> Tensor:
         return torch.zeros(network.trials, size, dtype=dtype, device=network.device)
 
+    sizes = sizes_of(wiring, lanes)
+    learnt, sums = (0, 0) if on_chip else sizes
     return Scratch(
-        memory=room(memory, network.dtype),
+        weight=room(learnt, network.dtype),
+        eligibility=room(learnt, network.dtype),
+        partial=room(sums, torch.float64),
+        sizes=sizes,
         injected=room(network.size, network.dtype),
+        held=room(network.size, network.dtype),
         fired=room(network.size, torch.bool),
         earlier=room(network.size, torch.int64),
-        first=room(len(tables.groups) + 1, torch.int64),
-        latest=room(1, torch.int64),
-        signal=room(len(tables.signals), network.dtype),
-        partial=room(lanes, torch.float64),
+        spikes=room(len(network.groups), torch.int64),
+        over=room(len(network.homeostasis), torch.bool),
+        signal=room(signals, network.dtype),
         touched=room(kinds, torch.int64),
         seen=room(2 * sensors, torch.float64).view(network.trials, sensors, 2),
         motor=room(1, torch.int64),
         sign=room(1, network.dtype),
     )
+
+
+def sizes_of(wiring: Wiring, lanes: int) -> tuple[int, int]:
+    """How many synapses that learn and parts of sums of their weights a trial has."""
+    return wiring.pre.shape[1], len(wiring.runs) * lanes
 
 
 def side_by_side(network: Network, tables: Tables) -> dict[str, Tensor]:

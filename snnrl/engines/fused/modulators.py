@@ -51,6 +51,11 @@ def empty_modulators(t, s, w, trial):
                 s.released[m][trial, k, slot] = w.released[t.modulators[m, RING] + k * delay + slot]
 
 
+def spikes_of(w, g):
+    """How many of a group fired in this ms, if any neuron did."""
+    return w.first[g + 1] - w.first[g]
+
+
 def step_modulators(t, w, now, found, sign, reward):
     """One ms of every modulator; `sign` and `reward` as in `Modulator.step`, of the trial."""
     for m in range(t.modulators.shape[0]):
@@ -62,7 +67,7 @@ def step_modulators(t, w, now, found, sign, reward):
                 g = t.sources[k]
                 before = w.rate[k]
                 w.rate[k] = w.released[slot]  # as a real number
-                w.released[slot] = w.first[g + 1] - w.first[g] if found else 0
+                w.released[slot] = spikes_of(w, g) if found else 0
                 if t.modulators[m, SMOOTHED]:
                     w.rate[k] = mean_rate(before, w.rate[k], t.modulator_values[m, FADING])
                 slot += delay
