@@ -216,6 +216,24 @@ def bent(weight: Tensor, change: Tensor) -> Tensor:
     return weight + torch.erf(change)
 
 
+def neurons_alone() -> None:
+    """What the limit of a GPU is measured with: they fire, and nothing is learnt."""
+    from snnrl.engines.cuda import CudaEngine
+
+    sys.path.insert(0, str(Path(__file__).parents[1] / "tools"))
+    import gpu_limit
+
+    run = simulation(*FOOD_ONLY, "dtype=float64")
+    before, weights = run.network.spike_count.clone(), run.network.synapses.weight.clone()
+    assert gpu_limit.limit_of(run, 0.07, 1) > 0.0
+    assert torch.equal(run.network.spike_count, before)  # of a copy
+    launch = CudaEngine().launch(run.network, 0, 0)
+    coding = gpu_limit.coding_arrays(run.situation.coding, run.network, run.situation.world)
+    launch(gpu_limit.all_alone, run.tick, coding, 1, np.zeros((0, 0, 0), np.uint8))
+    assert (run.network.spike_count > before).any()
+    assert torch.equal(run.network.synapses.weight, weights)
+
+
 def refusals() -> None:
     cuda = make_engine("cuda", "cpu")
     changed = simulation(*FOOD_ONLY)
@@ -240,7 +258,7 @@ def network_with_a_rule(rule: Callable[..., Tensor]) -> tuple[Network, Tensor]:
 CASES = (
     *(food_only, food_only_in_float32, poison, food_container, free_readings, without_winners),
     *(off_chip, delays_and_loops, soft, approaching, depresses),
-    *(turns, without_modulators, watched, refusals),
+    *(turns, without_modulators, watched, neurons_alone, refusals),
 )
 
 
@@ -287,11 +305,11 @@ def compiling(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[CudaEngine, dic
     monkeypatch.setattr("numba.cuda.dispatcher.get_current_device", lambda: device)
     monkeypatch.setattr("torch.cuda.synchronize", lambda device: None)
     monkeypatch.setattr(engine.CudaEngine, "_current", lambda self, network: nullcontext())
-    monkeypatch.setattr(engine, "_array", Tensor.numpy)
+    monkeypatch.setattr(engine, "array_of", Tensor.numpy)
     monkeypatch.setattr(engine, "_start", compile_only)
-    engine.kernels.cache_clear()
+    engine.program_of.cache_clear()
     yield engine.CudaEngine(), assembly
-    engine.kernels.cache_clear()
+    engine.program_of.cache_clear()
 
 
 def machine_code(assembly: str) -> bytes:

@@ -6,9 +6,9 @@
 
 The unit is trial-milliseconds per second; the engine is `fused` on the CPU, `cuda` on an NVIDIA GPU, each against the
 reference there. Every case starts from the same state, that of a robot which has learnt for the warm-up, and engines
-take turns, so that ratios hold when the machine's speed drifts. On the CPU each figure is also a share of what neurons
-and random numbers alone would allow on as many processors at once (`tools/limit.py`), measured in the same turns;
-`tools/causes.py` says what the rest is spent on.
+take turns, so that ratios hold when the machine's speed drifts. Each figure is also a share of what neurons and random
+numbers alone would allow there, on as many processors at once (`tools/limit.py`; on a GPU `tools/gpu_limit.py`), in
+the same turns; `tools/causes.py` says what the rest is spent on.
 Then come Gymnasium environments, in steps of one environment per second, `--steps` of a batch, or a 25th of them where
 the world is plain torch; one alone is that of `gymnasium.make`, with its wrappers. The last lines say what share of a
 whole run of `--recorded` s its recording takes, without imports: at its defaults, and without pictures.
@@ -44,6 +44,7 @@ from snnrl.files import write_json
 from snnrl.running.job import simulate
 from snnrl.running.loggers import loggers_of
 from snnrl.running.signals import Signals
+from snnrl.simulation import Simulation
 
 ENVIRONMENTS = ("snnrl/FoodAttraction-v0", "snnrl/DualLearning-v0")
 RECORDED = {"recording_percent_of_run": (), "recording_without_pictures_percent_of_run": ("record.pictures=0",)}
@@ -104,6 +105,15 @@ def environments(steps: int, repeats: int) -> None:
             print(json.dumps({**case, "fused_over_reference": round(ratio, 1)}), flush=True)
 
 
+def limit_on(device: str, simulation: Simulation[Any], threads: int) -> float:
+    """Trial-ms/s of neurons and random numbers alone."""
+    if device == "cpu":
+        return limit_of(simulation, threads=threads)["trial_ms_per_s"]
+    import gpu_limit  # which needs numba-cuda
+
+    return gpu_limit.limit_of(simulation)
+
+
 def summary_of(values: Sequence[float], digits: int | None = None) -> dict[str, float]:
     found = {"median": statistics.median(values), "min": min(values), "max": max(values)}
     return {key: round(value, digits) for key, value in found.items()}
@@ -134,7 +144,7 @@ def main() -> None:
             threads = min(trials, arguments.threads or os.cpu_count() or 1)
             rounds = []
             for _ in range(arguments.repeats):
-                limit = limit_of(simulation, threads=threads)["trial_ms_per_s"] if arguments.device == "cpu" else 0.0
+                limit = limit_on(arguments.device, simulation, threads)
                 fast, slow = (
                     speed(engine, simulation, arguments.seconds),
                     speed(reference, simulation, REFERENCE_SECONDS),
@@ -146,9 +156,8 @@ def main() -> None:
                 print(json.dumps({**case, "engine": name, "trial_ms_per_s": summary_of(values)}), flush=True)
             ratio = statistics.median(one / other for one, other, _ in rounds)
             print(json.dumps({**case, f"{quick}_over_reference": round(ratio, 1)}), flush=True)
-            if arguments.device == "cpu":
-                shares = [100.0 * one / limit for one, _, limit in rounds]
-                print(json.dumps({**case, "percent_of_limit": summary_of(shares, 1)}), flush=True)
+            shares = [100.0 * one / limit for one, _, limit in rounds]
+            print(json.dumps({**case, "percent_of_limit": summary_of(shares, 1)}), flush=True)
     if arguments.device == "cpu":
         environments(arguments.steps, arguments.repeats)
     for robot in ROBOTS:

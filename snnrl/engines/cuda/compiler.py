@@ -123,9 +123,15 @@ class Program:
         self.real = real
         self.names = {**names, "real": real, **(_TOGETHER_SIMULATED if SIMULATED else _TOGETHER)}
         self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
+        self._kernels: dict[Callable[..., Any], Any] = {}
 
     def kernel(self, function: Callable[..., Any], threads: int) -> Any:
         """A kernel, to be launched with blocks of so many threads at most."""
+        if function not in self._kernels:
+            self._kernels[function] = self._kernel(function, threads)
+        return self._kernels[function]
+
+    def _kernel(self, function: Callable[..., Any], threads: int) -> Any:
         if SIMULATED:
             return jit(self.seen(function, self.real))
         # linking optimises again, and would fuse (see `compiling`); as a decorator with arguments `jit` forgets `lto`

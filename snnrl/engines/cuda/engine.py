@@ -86,14 +86,14 @@ class CudaEngine:
         largest, tick = poisson_table_size(coding.config.range_mean), coding.tick
         spikes = _raster(raster, network)
         with self._current(network):
-            launch = self._launch(network, len(world.kinds.names), len(world.config.ranges))
+            launch = self.launch(network, len(world.kinds.names), len(world.config.ranges))
             arrays = [
-                _on_device(part, network.device)
-                for part in (world_arrays(world, _array), coding_arrays(coding, network, world, _array))
+                on_device(part, network.device)
+                for part in (world_arrays(world, array_of), coding_arrays(coding, network, world, array_of))
             ]
             for first in range(0, ticks, TICKS):
                 count = min(TICKS, ticks - first)
-                shown = _array(spikes[first * tick : (first + count) * tick])
+                shown = array_of(spikes[first * tick : (first + count) * tick])
                 launch(run_robot, count * tick, *arrays, largest, count, shown)
 
     def run_network(
@@ -105,10 +105,10 @@ class CudaEngine:
         rewards = network.pending.new_zeros(0, network.trials) if reward is None else reward
         spikes = _raster(raster, network)
         with self._current(network):
-            launch = self._launch(network, 0, 0)
+            launch = self.launch(network, 0, 0)
             given = [tensor.to(network.dtype).contiguous() for tensor in (injected, signs)]
             rewarded = rewards.to(network.dtype).contiguous()
-            launch(run_network, len(injected), *map(_array, (*given, spikes, rewarded)))
+            launch(run_network, len(injected), *map(array_of, (*given, spikes, rewarded)))
 
     def _current(self, network: Network) -> AbstractContextManager[Any]:
         """Lets kernels run where the network is."""
@@ -116,7 +116,7 @@ class CudaEngine:
             raise ConfigError("engine", self.name, f"runs on device={self.device} only, not on {network.device}")
         return nullcontext() if SIMULATED else cuda.gpus[network.device.index]
 
-    def _launch(self, network: Network, kinds: int, sensors: int) -> Launch:
+    def launch(self, network: Network, kinds: int, sensors: int) -> Launch:
         """What launches kernels on a network, in a world of so many kinds and range sensors."""
         bound = self._bind(network)
         return Launch(network, bound.tables, bound.functions, bound.arrays, kinds, sensors)
@@ -129,7 +129,7 @@ class CudaEngine:
             same = known is not None and known.synapses is network.synapses
             found = known.topology if known and same else topology(network, 1)
             made, functions = tables(network, found, 1)
-            arrays = Described(*(_on_device(part, network.device) for part in (made, wiring_of(network, made))))
+            arrays = Described(*(on_device(part, network.device) for part in (made, wiring_of(network, made))))
             known = _Bound(network.synapses, found, described, made, functions, arrays)
             self._bound[network] = known
         return known
@@ -151,10 +151,10 @@ class Launch:
         learnt, sums = sizes_of(arrays.wiring, self.lanes)
         size = 2 * learnt * network.pending.itemsize + 8 * sums
         on_chip = size <= ON_CHIP
-        self.kernels = kernels(functions, real_of(network), on_chip)
+        self.program = program_of(functions, real_of(network), on_chip)
         self.shared = size if on_chip else 0
         room = scratch_for(network, arrays.wiring, on_chip, len(tables.signals), self.lanes, kinds, sensors)
-        self.given = arrays, _state(network, self.modulators), _on_device(room, network.device)
+        self.given = arrays, _state(network, self.modulators), on_device(room, network.device)
 
     def __call__(self, kernel: Callable[..., None], steps: int, *given: Any) -> None:
         """Run a kernel for so many ms; the network's modules then have what has become of them."""
@@ -167,7 +167,7 @@ class Launch:
             if SIMULATED:
                 warnings.simplefilter("ignore", RuntimeWarning)  # of NumPy, where a compiled number just overflows
             try:
-                _start(self.kernels[kernel.__name__], configuration, arguments)
+                _start(self.program.kernel(kernel, LANES), configuration, arguments)
             except NumbaError as error:
                 # numba says first where it failed, and in lines further down how it came there; in colour, if it can
                 lines = re.sub(r"\x1b\[[0-9;]*m", "", str(error)).splitlines()
@@ -184,15 +184,14 @@ def _start(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) 
 
 
 @cache
-def kernels(functions: Functions, real: Any, on_chip: bool) -> dict[str, Any]:
-    """`run_network` and `run_robot`, compiled for networks of these functions.
+def program_of(functions: Functions, real: Any, on_chip: bool) -> Program:
+    """Kernels, compiled for networks of these functions.
 
     `on_chip` is whether weights and eligibilities are in shared memory while they run.
     """
     element = types.float64 if real is np.float64 else types.float32
     names = {"SHARED": on_chip, "ELEMENT": element, "WIDE": np.dtype(real).itemsize, "spikes_of": spikes_of}
-    program = Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **names})
-    return {kernel.__name__: program.kernel(kernel, LANES) for kernel in (run_network, run_robot)}
+    return Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **names})
 
 
 def _lanes(network: Network) -> int:
@@ -204,21 +203,21 @@ def _state(network: Network, modulators: dict[str, Tensor]) -> State:
     neurons, synapses = network.neurons, network.synapses
     own = (neurons.packed, neurons.last_spike, network.pending, network.spike_count)
     learnt = (synapses.weight, synapses.eligibility)
-    return State(*map(_array, (*own, *learnt)), **{key: _array(value) for key, value in modulators.items()})
+    return State(*map(array_of, (*own, *learnt)), **{key: array_of(value) for key, value in modulators.items()})
 
 
-def _array(tensor: Tensor) -> Any:
+def array_of(tensor: Tensor) -> Any:
     """An array for kernels that shares memory with a tensor."""
     return tensor.numpy() if SIMULATED else cuda.as_cuda_array(tensor)
 
 
-def _on_device(part: Any, device: torch.device) -> Any:
+def on_device(part: Any, device: torch.device) -> Any:
     """A tuple whose tensors and NumPy arrays are arrays for kernels, the latter as copies."""
 
     def moved(value: Any) -> Any:
         if isinstance(value, np.ndarray):
             value = torch.from_numpy(np.ascontiguousarray(value)).to(device)
-        return _array(value) if isinstance(value, Tensor) else value
+        return array_of(value) if isinstance(value, Tensor) else value
 
     return type(part)(*map(moved, part))
 
