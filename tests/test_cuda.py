@@ -377,8 +377,10 @@ def test_without_a_gpu_its_speed_is_not_measured() -> None:
 
 def test_without_numba_cuda_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(engines, "find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r'engine=cuda: needs numba-cuda: pip install "snnrl\[cuda\]"'):
-        make_engine("cuda", "cuda")
+    message = r'^engine=cuda: needs numba-cuda: pip install "snnrl\[cuda\]"; or use engine=reference$'
+    for name in ("cuda", "auto"):
+        with pytest.raises(ConfigError, match=message):
+            make_engine(name, "cuda")
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU")

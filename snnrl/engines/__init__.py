@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 
 
 def make_engine(name: str, device: str, threads: int = 0) -> Engine:
-    """The engine of that name; `auto` is the fused one on the CPU, the reference elsewhere.
+    """The engine of that name; `auto` is the fused one on the CPU, the CUDA one on a GPU, the reference elsewhere.
 
     Raises:
         ConfigError: if an engine is asked for a device that it cannot run on, or needs what is not installed.
     """
-    if name == "cuda":
+    if name == "cuda" or (name == "auto" and device.partition(":")[0] == "cuda"):
         return _make_cuda(device)
     if not _is_fused(name, device):
         return ReferenceEngine()
@@ -35,7 +35,7 @@ def make_engine(name: str, device: str, threads: int = 0) -> Engine:
 
 def _make_cuda(device: str) -> Engine:
     if find_spec("numba_cuda") is None:
-        raise ConfigError("engine", "cuda", 'needs numba-cuda: pip install "snnrl[cuda]"')
+        raise ConfigError("engine", "cuda", 'needs numba-cuda: pip install "snnrl[cuda]"; or use engine=reference')
     from snnrl.engines.cuda import CudaEngine
 
     engine = CudaEngine()
