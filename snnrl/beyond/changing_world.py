@@ -19,7 +19,7 @@ from snnrl.drawing.style import figure, legend, multiples, styled
 
 SWAPS = {200.0: 20, 500.0: 20, 1000.0: 10}  # how many, by the s from one to the next
 AGENTS = ("learning", "no_hunger", "sarsa_lambda", "q_learning", "reinforce")
-MANY, SHARED = "REINFORCE, many worlds", ("reinforce.shared=true",)
+MANY, SHARED = "reinforce, many worlds", ("reinforce.shared=true",)
 EVERY = 10.0  # s
 WINDOW = 5  # spans over which the reward is averaged
 REACHED = 0.25  # 1/s; a random walk's mean is 0, with a standard deviation of 0.07 over the window
@@ -115,7 +115,7 @@ def figure_of(courses: dict[float, list[Course]]) -> Figure:
             multiples(row, shown)
         for above, below in zip(axes[2 * k], axes[2 * k + 1], strict=True):
             above.axhline(0.0, color="black", linewidth=0.6)
-            above.set(xlabel="Time since the swap (s)", xlim=(0, period))
+            above.set(xlabel="Time since\nthe swap (s)", xlim=(0, period))
             below.set(title="", xlabel="Swap", ylim=(0, 1.05 * period))
         axes[2 * k][0].set_ylabel(f"Swap every {period:g} s\nReward (items/s)")
         axes[2 * k + 1][0].set_ylabel("Until it re-learnt (s)")

@@ -40,7 +40,7 @@ ROBOTS: Mapping[str, str] = {
     "q_learning": "#EE3377",
     "sarsa_lambda": "#661100",
     "reinforce": "#6699CC",
-    "REINFORCE, many worlds": "#004488",
+    "reinforce, many worlds": "#004488",
     "PPO, one life": "#DDAA33",
     "PPO, many worlds": "#44BB99",
 }
