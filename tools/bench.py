@@ -35,7 +35,7 @@ import torch
 from limit import limit_of
 
 import snnrl.environments  # noqa: F401  # which registers them
-from snnrl.command.bench import REFERENCE_SECONDS, ROBOTS, learnt, quick_on, speed
+from snnrl.command.bench import REFERENCE_SECONDS, ROBOTS, learnt, speed
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import Engine, make_engine
@@ -130,9 +130,8 @@ def main() -> None:
     parser.add_argument("--recorded", type=float, default=5000.0)
     parser.add_argument("--steps", type=int, default=5000)
     arguments = parser.parse_args()
-    quick = quick_on(arguments.device)
     try:
-        engine = make_engine(quick, arguments.device, arguments.threads)
+        engine = make_engine("auto", arguments.device, arguments.threads)
     except ConfigError as error:
         raise SystemExit(f"bench.py: {error}") from None
     reference = make_engine("reference", arguments.device)
@@ -152,10 +151,10 @@ def main() -> None:
                 rounds.append((fast, slow, limit))
             case = {"robot": robot, "trials": trials, "threads": threads}
             speeds = list(zip(*rounds, strict=True))
-            for name, values in zip((quick, "reference"), speeds, strict=False):
+            for name, values in zip((engine.name, "reference"), speeds, strict=False):
                 print(json.dumps({**case, "engine": name, "trial_ms_per_s": summary_of(values)}), flush=True)
             ratio = statistics.median(one / other for one, other, _ in rounds)
-            print(json.dumps({**case, f"{quick}_over_reference": round(ratio, 1)}), flush=True)
+            print(json.dumps({**case, f"{engine.name}_over_reference": round(ratio, 1)}), flush=True)
             shares = [100.0 * one / limit for one, _, limit in rounds]
             print(json.dumps({**case, "percent_of_limit": summary_of(shares, 1)}), flush=True)
     if arguments.device == "cpu":

@@ -30,13 +30,8 @@ REFERENCE_SECONDS = 0.7  # simulated; the reference engine is slow
 def learnt(robot: str, trials: int, warm_up: float, device: str = "cpu") -> Simulation[Any]:
     """A batch of robots that have learnt for `warm_up` simulated seconds, on the compiled engine of a device."""
     simulation = build(compose(f"+experiment={ROBOTS[robot]}", f"trials={trials}")).to(device)
-    simulation.run(make_engine(quick_on(device), device), ticks_of(warm_up, simulation.tick))
+    simulation.run(make_engine("auto", device), ticks_of(warm_up, simulation.tick))
     return simulation
-
-
-def quick_on(device: str) -> str:
-    """Name of the compiled engine of a device."""
-    return "fused" if device == "cpu" else "cuda"
 
 
 def speed(engine: Engine, simulation: Simulation[Any], seconds: float) -> float:
@@ -58,7 +53,7 @@ def measure(robot: str, options: argparse.Namespace) -> str:
     Raises:
         ConfigError: the engine cannot be had on the device.
     """
-    quick = make_engine(quick_on(options.device), options.device, options.threads)
+    quick = make_engine("auto", options.device, options.threads)
     slow = make_engine("reference", options.device)
     simulation = learnt(robot, options.trials, options.warm_up, options.device)
     pairs = [
