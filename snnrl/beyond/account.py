@@ -15,6 +15,7 @@ import torch
 
 from snnrl.body.world.kinds import ENTERED
 from snnrl.engines.fused.compiler import Program
+from snnrl.engines.fused.vectors import LANES, across, load, store
 from snnrl.errors import ConfigError
 from snnrl.model.homeostasis import lowered
 from snnrl.model.modulators import Modulator, burst, relax
@@ -217,10 +218,7 @@ def listen(b: Any, trial: Any, now: Any, fired: Any, cause: Any, sign: Any) -> A
 
 
 def remember(b: Any, trial: Any, now: Any, fired: Any) -> None:
-    """Step 4 of `Network.step`."""
-    for p in range(b.first.shape[0]):
-        for s in range(b.first[p, trial], b.first[p, trial + 1]):
-            b.eligibility[s] *= b.decay
+    """Step 4 of `Network.step`, but for the decay, which `change` does for the ms to come."""
     for n in range(fired.shape[0]):
         if fired[n]:
             for k in range(b.post_first[trial, n], b.post_first[trial, n + 1]):
@@ -237,19 +235,32 @@ def remember(b: Any, trial: Any, now: Any, fired: Any) -> None:
 
 
 def change(b: Any, trial: Any, signal: Any) -> None:
-    """Step 5 of `Network.step`, and what of it is whose."""
+    """Step 5 of `Network.step`, and what of it is whose; LANES synapses at a time, then those that are left."""
     for p in range(b.first.shape[0]):
-        eligible = 0.0
-        clipped: Any = 0.0
-        total: Any = 0.0
-        for s in range(b.first[p, trial], b.first[p, trial + 1]):
+        s, end = b.first[p, trial], b.first[p, trial + 1]
+        eligible, clipped, total = 0.0, 0.0, 0.0
+        if s + LANES <= end:
+            nothing = load(b.weight, s) * 0.0
+            eligibles, clips, totals = nothing, nothing, nothing
+            while s + LANES <= end:
+                eligibility, weight = load(b.eligibility, s), load(b.weight, s)
+                driven = eligibility * signal
+                bounded = hard_bounds(weight, driven, b.least, b.most)
+                store(b.weight, s, bounded)
+                store(b.eligibility, s, eligibility * b.decay)
+                eligibles, totals = eligibles + eligibility, totals + bounded
+                clips = clips + (bounded - (weight + driven))
+                s += LANES
+            eligible, clipped, total = across(eligibles), across(clips), across(totals)
+        while s < end:
             driven = b.eligibility[s] * signal
             free = b.weight[s] + driven
-            bounded = hard_bounds(b.weight[s], driven, b.least, b.most)
-            b.weight[s] = bounded
+            b.weight[s] = hard_bounds(b.weight[s], driven, b.least, b.most)
             eligible += b.eligibility[s]
-            clipped += bounded - free
-            total += bounded
+            b.eligibility[s] *= b.decay
+            clipped += b.weight[s] - free
+            total += b.weight[s]
+            s += 1
         for source in range(b.level.shape[1]):
             b.parts[trial, p, source] += b.level[trial, source] * eligible
         b.parts[trial, p, HUNGER] += b.baseline * eligible

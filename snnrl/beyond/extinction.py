@@ -256,9 +256,9 @@ def draw(
             rate = stages[stage].view(-1, 20, stages[stage].shape[1]).mean((1, 2)) * 1000.0
             axis.step(np.arange(len(rate)) * 20 - AT, rate, where="post", color=ROBOTS[network], label=network)
         axis.set(title=f"reward {stage}" if stage == "omitted" else stage, xlabel="Time from the cue (ms)")
-        axis.set(xlim=(-AT, 2000), ylim=(0.0, None))
+        axis.set_xlim(-AT, 2000)
         mark(axis, DELAY, "reward's time", vertical=True)
-    axes[0, 0].set_ylabel("Dopaminergic firing (Hz)")
+    axes[0, 0].set(ylabel="Dopaminergic firing (Hz)", ylim=(0.0, None))  # shared, so after all are drawn
     labels = {
         "response": "Answer to a container (spikes)",
         "lead": "Attraction less avoidance (mV)",
