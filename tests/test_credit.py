@@ -8,7 +8,8 @@ import torch
 from labels import faults
 
 from snnrl.beyond import credit
-from snnrl.beyond.account import CLIPPED, DAMPENED, HUNGER, PARTS, ROUNDING, SOURCES, Account
+from snnrl.beyond.account import Account
+from snnrl.beyond.booking import CLIPPED, DAMPENED, HUNGER, PARTS, ROUNDING, SOURCES
 from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import make_engine

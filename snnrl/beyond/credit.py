@@ -11,7 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from snnrl.beyond.account import PARTS, ROUNDING, Account
+from snnrl.beyond.account import Account
+from snnrl.beyond.booking import PARTS, ROUNDING
 from snnrl.beyond.course import interval
 from snnrl.beyond.page import Page, table
 from snnrl.configuration.builder import build
