@@ -14,6 +14,7 @@ A module with a PRECISION (torch.float64) of its own is compiled in that one.
 from __future__ import annotations
 
 import hashlib
+import inspect
 import math
 import operator
 import os
@@ -36,7 +37,8 @@ from numba.core.compiler_machinery import register_pass
 from numba.core.typed_passes import NativeLowering
 from numba.extending import overload
 
-from snnrl.engines.fused import vectors
+from snnrl.engines.fused import references, vectors
+from snnrl.engines.fused.references import refer
 from snnrl.engines.fused.vectors import VectorType, lanewise, select
 
 NUMBERS = (float, np.floating)
@@ -56,6 +58,8 @@ class _PartLowering(NativeLowering):
         library._finalize_final_module = lambda: setattr(library, "_finalized", True)
         state.flags.no_compile = True
         super().run_pass(state)
+        if not state.flags.forceinline:
+            library._final_module.get_function(state.cr.fndesc.mangled_name).add_function_attribute("noinline")
         lowered = state.cr  # its function cannot be called from Python: there is no code behind it
         nothing = make_function(lowered.fndesc.lookup_module(), "part", "", 0, lowered.env, (library,))
         state.targetctx.insert_user_function(nothing, lowered.fndesc, [library])
@@ -71,6 +75,7 @@ class _PartCompiler(CompilerBase):
         return [passes]
 
 
+OPTIONS: Any = {"error_model": "numpy", "_nrt": False}
 PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
 
 
@@ -163,9 +168,16 @@ class Program:
         self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
 
     def kernel(self, function: Callable[..., Any]) -> Any:
-        """A function to be called from Python, compiled when it is first called and kept on the disk."""
-        compiled = self._compile(function, self.real, {"nogil": True, "no_cfunc_wrapper": True})
-        compiled._cache = _Kept(compiled.py_func, f"{self._digest(function, set())} {self.real.__name__}")
+        """A function to be called from Python, compiled when it is first called and kept on the disk.
+
+        What it is given as a named tuple, it and all that it calls see by reference.
+        """
+        names = inspect.signature(function).parameters
+        body = f"    return kernel({', '.join(f'refer({name})' for name in names)})"
+        scope = {"kernel": self._compile(function, self.real, PART), "refer": refer}
+        options: Any = {**OPTIONS, "nogil": True, "no_cfunc_wrapper": True}
+        compiled = njit(**options)(spelled(function.__name__, ", ".join(names), body, scope))
+        compiled._cache = _Kept(function, f"{self._digest(function, set())} {self.real.__name__}")
         return compiled
 
     def _compile(self, function: Callable[..., Any], real: Any, options: Mapping[str, Any]) -> Any:
@@ -178,7 +190,7 @@ class Program:
             scope = {name: value for name, value in found.items() if value is not _UNKNOWN}
             scope["__name__"] = __name__  # a module that is there when the compiled code is read from the disk
             same = FunctionType(code.replace(co_consts=constants), scope, function.__name__, None, function.__closure__)
-            self._known[function, real] = njit(**{"error_model": "numpy", "_nrt": False, **options})(same)
+            self._known[function, real] = njit(**{**OPTIONS, **options})(same)
         return self._known[function, real]
 
     def _as_seen(self, name: str, function: FunctionType, real: Any) -> Any:
@@ -211,7 +223,7 @@ class Program:
 _UNKNOWN = object()
 _TOOLS = hashlib.sha256(
     b"".join([numba.__version__.encode(), llvmlite.__version__.encode()])
-    + b"".join(Path(str(path)).read_bytes() for path in (__file__, vectors.__file__))
+    + b"".join(Path(str(path)).read_bytes() for path in (__file__, references.__file__, vectors.__file__))
 ).hexdigest()
 
 
