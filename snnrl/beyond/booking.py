@@ -87,13 +87,8 @@ def listen(b, trial, now, fired, cause, sign):
 def remember(b, trial, now, fired):
     """Step 4 of `Network.step`."""
     for p in range(b.first.shape[0]):
-        s, end = b.first[p, trial], b.first[p, trial + 1]
-        while s + LANES <= end:
-            store(b.eligibility, s, load(b.eligibility, s) * b.decay)
-            s += LANES
-        while s < end:
+        for s in range(b.first[p, trial], b.first[p, trial + 1]):
             b.eligibility[s] *= b.decay
-            s += 1
     for n in range(fired.shape[0]):
         if fired[n]:
             for k in range(b.post_first[trial, n], b.post_first[trial, n + 1]):
