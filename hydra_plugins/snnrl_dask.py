@@ -87,7 +87,9 @@ class DaskLauncher(Launcher):
             return stack.enter_context(Client(scheduler_file=self.scheduler_file))
         if self.address is not None:
             return stack.enter_context(Client(self.address))
-        cluster = LocalCluster(n_workers=self.workers, threads_per_worker=1, dashboard_address=None)
+        # what a worker has to say when its cluster ends between two words of theirs: nobody's error; a job's comes back
+        quiet = {"dashboard_address": None, "silence_logs": logging.CRITICAL}
+        cluster = LocalCluster(n_workers=self.workers, threads_per_worker=1, **quiet)
         return stack.enter_context(Client(stack.enter_context(cluster)))
 
     def _ended(self, future: Any, overrides: Sequence[str]) -> JobReturn:
