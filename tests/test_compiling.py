@@ -16,6 +16,8 @@ from helpers import compose_config
 
 from snnrl.configuration.builder import build
 from snnrl.engines import make_engine
+from snnrl.engines.fused import compiler
+from snnrl.engines.fused.compiler import Program, placeholder
 from snnrl.engines.fused.engine import FusedEngine, kernels
 from snnrl.running import progress
 from snnrl.running.progress import Progress
@@ -23,6 +25,28 @@ from snnrl.schema import Config
 
 ROBOT = ("+experiment=food_attraction", "robot=random_walk", "trials=3")
 TASK = ("+experiment=distal_reward", "trials=2")
+
+
+@placeholder
+def bounded(value: float) -> float:
+    """What each program has its own for."""
+    raise NotImplementedError
+
+
+def doubled(value: float) -> float:
+    return 2.0 * value
+
+
+def both(value: float) -> float:
+    return doubled(value) + bounded(value)
+
+
+def from_above(value: float) -> float:
+    return min(value, 1.0)
+
+
+def from_below(value: float) -> float:
+    return max(value, 1.0)
 
 
 def known(engine: FusedEngine, config: Config) -> int:
@@ -34,6 +58,20 @@ def known(engine: FusedEngine, config: Config) -> int:
 
 def refuse() -> None:
     raise AssertionError("compiles again")
+
+
+def test_programs_share_the_parts_that_are_the_same_in_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(compiler, "_PARTS", {})
+    made = []
+    for real, rule in ((np.float64, from_above), (np.float64, from_below), (np.float32, from_above)):
+        kernel = Program(real, {"bounded": rule}).kernel(both)
+        made.append(({code.co_name: part for (code, *_), part in compiler._PARTS.items()}, kernel(3.0), kernel(0.5)))
+    (first, *capped), (second, *floored), (third, *_) = made
+    assert (capped, floored) == ([7.0, 1.5], [9.0, 2.0])
+    assert first["doubled"] is second["doubled"]
+    assert first["both"] is not second["both"]
+    assert third["doubled"] is not first["doubled"]
 
 
 @pytest.mark.parametrize("options", [ROBOT, TASK], ids=["robot", "task"])

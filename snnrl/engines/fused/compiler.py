@@ -45,6 +45,22 @@ NUMBERS = (float, np.floating)
 settings: Any = numba_config
 
 
+class _Sparing:
+    """numba's code generator, with which what is a part of a kernel is only tidied: the kernel is optimised as a whole.
+
+    Loops unrolled in each part, as numba has it, make a third more code to compile, and nothing faster.
+    """
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def _function_pass_manager(self, *module: Any) -> Any:
+        return self._codegen._function_pass_manager(*module, opt=2)
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _PartLowering(NativeLowering):
     """Leaves it to the kernel that a function becomes a part of to optimise it and to make machine code of it."""
@@ -54,6 +70,7 @@ class _PartLowering(NativeLowering):
     def run_pass(self, state: Any) -> bool:
         library = state.library = state.targetctx.codegen().create_library(state.func_id.func_qualname)
         library.enable_object_caching()
+        library._codegen = _Sparing(library._codegen)
         library._optimize_final_module = lambda: None
         library._finalize_final_module = lambda: setattr(library, "_finalized", True)
         state.flags.no_compile = True
@@ -185,12 +202,17 @@ class Program:
         if (function, real) not in self._known:
             assert isinstance(function, FunctionType), function
             code = function.__code__
-            constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in code.co_consts)
             found = {name: self._as_seen(name, function, real) for name in _names(code)}
             scope = {name: value for name, value in found.items() if value is not _UNKNOWN}
-            scope["__name__"] = __name__  # a module that is there when the compiled code is read from the disk
-            same = FunctionType(code.replace(co_consts=constants), scope, function.__name__, None, function.__closure__)
-            self._known[function, real] = njit(**{**OPTIONS, **options})(same)
+            outside = [*scope.items(), *(("", cell.cell_contents) for cell in function.__closure__ or ())]
+            key = code, real, *options.items(), *((name, _identity(value)) for name, value in outside)
+            if key not in _PARTS:
+                constants = tuple(real(value) if isinstance(value, NUMBERS) else value for value in code.co_consts)
+                scope["__name__"] = __name__  # a module that is there when the compiled code is read from the disk
+                code = code.replace(co_consts=constants)
+                same = FunctionType(code, scope, function.__name__, None, function.__closure__)
+                _PARTS[key] = njit(**{**OPTIONS, **options})(same)
+            self._known[function, real] = _PARTS[key]
         return self._known[function, real]
 
     def _as_seen(self, name: str, function: FunctionType, real: Any) -> Any:
@@ -221,10 +243,16 @@ class Program:
 
 
 _UNKNOWN = object()
+_PARTS: dict[tuple[Any, ...], Any] = {}  # of all programs, which have most in common: by code and what it sees outside
 _TOOLS = hashlib.sha256(
     b"".join([numba.__version__.encode(), llvmlite.__version__.encode()])
     + b"".join(Path(str(path)).read_bytes() for path in (__file__, references.__file__, vectors.__file__))
 ).hexdigest()
+
+
+def _identity(value: Any) -> Any:
+    """What tells apart two values that compiled functions see; those in `_PARTS` live as long as these do."""
+    return repr(value) if isinstance(value, NUMBERS) else id(value)
 
 
 def _names(code: CodeType) -> list[str]:
