@@ -84,7 +84,8 @@ def test_as_kinds_drift_reward_is_told_by_how_many_are_good() -> None:
 def test_a_page_gets_its_table_and_figure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(changing_world, "SWAPS", {60.0: 2})
+    monkeypatch.setattr(changing_world, "PERIODS", (60.0,))
+    monkeypatch.setattr(changing_world, "SWAPS", 2)
     monkeypatch.setattr(changing_world, "LENGTH", 40.0)
     monkeypatch.setattr(changing_world, "AGENTS", ("learning", "sarsa_lambda"))
     monkeypatch.chdir(tmp_path)

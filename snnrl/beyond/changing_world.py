@@ -17,7 +17,8 @@ from snnrl.beyond.page import Page, table
 from snnrl.configuration.compose import compose_baselines
 from snnrl.drawing.style import figure, legend, multiples, styled
 
-SWAPS = {200.0: 20, 500.0: 20, 1000.0: 10}  # how many, by the s from one to the next
+PERIODS = (200.0, 500.0, 1000.0)  # s from one swap to the next
+SWAPS = 20
 AGENTS = ("learning", "no_hunger", "sarsa_lambda", "q_learning", "reinforce")
 MANY, SHARED = "reinforce, many worlds", ("reinforce.shared=true",)
 EVERY = 10.0  # s
@@ -40,8 +41,8 @@ def make(overrides: Sequence[str], part: float = 1.0) -> Page:
         return [*lives, replace(follow("reinforce", EVERY, many, *world), agent=MANY)]
 
     courses = {}
-    for period, swaps in SWAPS.items():
-        length = (1 + max(1, round(part * swaps))) * period
+    for period in PERIODS:
+        length = (1 + max(1, round(part * SWAPS))) * period
         courses[period] = follow_all(f"world.kinds.food.turns_every={period}", f"seconds={length}")
     turns = [f"world.kinds.{kind}.turns_every={period:g}" for kind, period in DRIFT.items()]
     drift = follow_all(*turns, f"seconds={part * LENGTH:g}")
