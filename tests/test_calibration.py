@@ -192,6 +192,14 @@ def test_kicks_come_with_their_rate_and_arrival_with_what_it_needs() -> None:
     assert "container" not in without.ranges
 
 
+@pytest.fixture
+def no_record(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As long as nothing has been fitted."""
+    monkeypatch.setattr(fit, "POINTS", tmp_path / "none.csv")
+    monkeypatch.setattr(fit, "CALIBRATION", tmp_path / "none.json")
+
+
+@pytest.mark.usefixtures("no_record")
 def test_of_four_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[tuple[int, int]] = []
 
@@ -203,6 +211,7 @@ def test_of_four_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.Mo
 
     monkeypatch.setattr(calibrate, "rungs", rungs)
     study = optuna.create_study()
+    calibrate.begin(study, optuna.create_study(), optuna.create_study())
     calibrate.search(study, 7, trials=5)
     assert [rung for number, rung in seen if number == 0] == [0, 1, 2]
     assert {number for number, rung in seen if rung > 0} == {0}  # the last is among the best two, but not the best
@@ -244,6 +253,58 @@ def test_finalists_are_judged_once_more_on_a_seed_of_their_own(monkeypatch: pyte
         ["finalists", "1", "50"],
         ["finalists", "2", "50"],
     ]
+
+
+def test_a_new_study_goes_on_from_the_record() -> None:
+    """What it holds is recorded as it was, and what it adds has numbers, and so seeds, that none had before."""
+    fits, finalists, sensitivity = (optuna.create_study() for _ in calibrate.STUDIES)
+    for _ in range(2):  # a study that is there is left as it is
+        calibrate.begin(fits, finalists, sensitivity)
+    assert calibrate.points_of(fits, finalists) == fit.POINTS.read_text()
+    held = json.loads(fit.CALIBRATION.read_text())
+    assert calibrate.record(fits, sensitivity, held["note"]) == held
+    assert fits.ask(calibrate.SEARCHED).number >= held["given_up"] + len([p for p in fit.points() if p.of == "search"])
+
+
+def test_what_is_fixed_is_not_searched_and_points_can_be_judged_anew_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[Mapping[str, Any]] = []
+
+    def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
+        for rung in range(3):
+            seen.append({**values, "rung": rung})
+            yield {"a": float(len(seen))}  # each worse than all before
+
+    monkeypatch.setattr(calibrate, "rungs", rungs)
+    study = optuna.create_study()
+    fixed = calibrate.typed({"world.overlap": "nearest", "coding.range_gain": "1.5", OWN_MEAN: "None"})
+    assert fixed == {"world.overlap": "nearest", "coding.range_gain": 1.5, OWN_MEAN: None}
+    calibrate.search(study, 12, trials=5, fixed=fixed)
+    assert all(values[name] == value for values in seen for name, value in fixed.items())
+    assert len({values["coding.touch_gain"] for values in seen}) == 12
+    seen.clear()
+    calibrate.again(study, [3, 5], 5, {"coding.range_gain": 2.5})
+    assert [values["rung"] for values in seen] == [0, 1, 2, 0, 1, 2]
+    for number, values in ((3, seen[0]), (5, seen[3])):
+        assert values == {**study.trials[number].params, "coding.range_gain": 2.5, "rung": 0}
+
+
+@pytest.mark.parametrize(
+    ("word", "line"),
+    [
+        ("coding.no_gain=1", "coding.no_gain=1: is not free; must be one of coding.range_gain, "),
+        ("world.overlap=goes", "world.overlap=goes: must be one of stays, nearest"),
+        ("coding.range_gain=9", "coding.range_gain=9: must be a number from 1 to 3.5"),
+        ("coding.range_gain=", "coding.range_gain=: must be a number from 1 to 3.5"),
+    ],
+)
+def test_what_cannot_be_fixed_is_refused(
+    word: str, line: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as left:
+        calibrate.main(["--study", str(tmp_path / "study.db"), "--fix", word])
+    assert left.value.code == 2
+    assert capsys.readouterr().err.startswith(f"snnrl.calibrate: {line}")
+    assert not list(tmp_path.iterdir())
 
 
 def recorded(losses: Mapping[str, list[float]], gains: list[float]) -> str:

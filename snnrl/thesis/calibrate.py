@@ -1,18 +1,22 @@
 """Fit the free parameters to all published cells together: one set of values for every experiment.
 
     python -m snnrl.calibrate [--points 40] [--trials 16] [--study runs/calibration.db]
+    python -m snnrl.calibrate --fix world.overlap=nearest    # search the others only
+    python -m snnrl.calibrate --again 341 868 [--fix ...]    # judge points of the study anew, changed by what is fixed
     python -m snnrl.calibrate --finalists 10 --trials 50    # judge the best points again, on a seed of their own
     python -m snnrl.calibrate --sensitivity    # change the values in conf/ one at a time
     python -m snnrl.calibrate --record NOTE    # write what the study holds into the package, for the report
 
 The loss is that of `snnrl.thesis.loss`. The study is kept in the file; running the command again continues it, and
-several at once share it.
+several at once share it. A new one begins with the points that the package's record holds, if it holds any.
 Seeds of the fit start at 1,000,000, far from those of the runs that are reported.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,9 +24,10 @@ from typing import Any
 import optuna
 import torch
 
+from snnrl.errors import ConfigError
 from snnrl.files import csv_of, write, write_json
 from snnrl.thesis.box import FREE, STARTS, Choice, Free, present
-from snnrl.thesis.fit import CALIBRATION, POINTS
+from snnrl.thesis.fit import CALIBRATION, POINTS, calibration, points
 from snnrl.thesis.loss import UNIT, loss
 from snnrl.thesis.measuring import COURSE, cells_of, measured, orbits
 
@@ -49,35 +54,123 @@ def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[st
     yield dict(measured(values, trials, seed))
 
 
-def suggest(trial: optuna.Trial, name: str, free: Free | Choice) -> Any:
-    """A value of a point."""
+def distribution(free: Free | Choice) -> optuna.distributions.BaseDistribution:
+    """Where a free value is searched."""
     if isinstance(free, Choice):
-        return trial.suggest_categorical(name, free.values)
-    return trial.suggest_float(name, free.low, free.high, log=free.high > 3 * free.low > 0)
+        return optuna.distributions.CategoricalDistribution(free.values)
+    return optuna.distributions.FloatDistribution(free.low, free.high, log=free.high > 3 * free.low > 0)
 
 
-def search(study: optuna.Study, points: int, trials: int) -> None:
-    """Add points to the study, STARTS first; of each FEWER that come to a rung, the best goes on to the next."""
+SEARCHED = {name: distribution(free) for name, free in FREE.items()}
+
+
+def begin(fit: optuna.Study, finalists: optuna.Study, sensitivity: optuna.Study) -> None:
+    """Give new studies what the record holds, points under their numbers; without a record STARTS come first.
+
+    Of what was given up the record has the count alone: the sampler learns nothing from it.
+    """
+    if fit.trials:
+        return
+    if (held := calibration()) is None:
+        for start in STARTS:
+            fit.enqueue_trial({**present(), **start})
+        return
+    known = points()
+    for point in known:
+        values = typed(point.values)
+        if point.of == "search":
+            _pass_over(fit, point.number - len(fit.trials))
+            fit.add_trial(
+                optuna.trial.create_trial(
+                    value=point.loss,
+                    params=values,
+                    distributions=SEARCHED,
+                    user_attrs={"trials": point.trials, "distances": dict(point.distances)},
+                )
+            )
+        else:
+            _keep(finalists, point.loss, point.distances, point.trials, number=point.number, values=values)
+    fit.set_user_attr("given_up", held["given_up"])
+    _pass_over(fit, given_up(fit) + len(known) - len(finalists.trials) - len(fit.trials))
+    for varied in held["sensitivity"] if held["values"] == present() else ():
+        _keep(sensitivity, varied["loss"], varied["distances"], varied["trials"], change=varied["change"])
+
+
+def _pass_over(study: optuna.Study, count: int) -> None:
+    """So many numbers of points are taken."""
+    for _ in range(count):
+        study.add_trial(optuna.trial.create_trial(state=optuna.trial.TrialState.FAIL))
+
+
+def _keep(study: optuna.Study, loss: float, distances: Mapping[str, float], trials: int, **attributes: Any) -> None:
+    """Values that were judged outside the search."""
+    attributes |= {"distances": dict(distances), "trials": trials}
+    study.add_trial(optuna.trial.create_trial(value=loss, user_attrs=attributes))
+
+
+def given_up(study: optuna.Study) -> int:
+    """How many points of a search not all cells have judged."""
+    return len(study.get_trials(states=[optuna.trial.TrialState.PRUNED])) + study.user_attrs.get("given_up", 0)
+
+
+def typed(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Free values as the box has them, from how a record or a command line writes them.
+
+    Raises:
+        ConfigError: a value that is not free, or not one that is searched.
+    """
+    return {name: _typed(name, value) for name, value in values.items()}
+
+
+def _typed(name: str, value: Any) -> Any:
+    if name not in FREE:
+        raise ConfigError(name, value, f"is not free; must be one of {', '.join(FREE)}")
+    free = FREE[name]
+    if isinstance(free, Choice):
+        known = {_text(choice): choice for choice in free.values}
+        if _text(value) not in known:
+            raise ConfigError(name, value, f"must be one of {', '.join(known)}")
+        return known[_text(value)]
+    try:
+        number = float(value)
+    except ValueError:
+        number = math.nan
+    if not free.low <= number <= free.high:
+        raise ConfigError(name, value, f"must be a number from {free.low:g} to {free.high:g}")
+    return number
+
+
+def search(study: optuna.Study, points: int, trials: int, fixed: dict[str, Any] | None = None) -> None:
+    """Add points to the study; of each FEWER that come to a rung, the best goes on to the next."""
     study.sampler = optuna.samplers.TPESampler(
         seed=FIRST_SEED + len(study.trials), multivariate=True, constant_liar=True
     )
     study.pruner = optuna.pruners.SuccessiveHalvingPruner(min_resource=1, reduction_factor=FEWER)
-    if not study.trials:
-        for start in STARTS:
-            study.enqueue_trial({**present(), **start})
+    for _ in range(points):
+        if fixed:
+            study.enqueue_trial(fixed)
+        _judge(study, study.ask(SEARCHED), trials)
 
-    def objective(trial: optuna.Trial) -> float:
-        values = {name: suggest(trial, name, free) for name, free in FREE.items()}
-        trial.set_user_attr("trials", trials)
-        found: dict[str, float] = {}
-        for step, found in enumerate(rungs(values, trials, FIRST_SEED + trial.number)):
-            trial.set_user_attr("distances", found)
-            trial.report(loss(found), FEWER**step)
-            if step < LAST and trial.should_prune():
-                raise optuna.TrialPruned
-        return loss(found)
 
-    study.optimize(objective, n_trials=points)
+def again(study: optuna.Study, numbers: Sequence[int], trials: int, fixed: Mapping[str, Any]) -> None:
+    """Add points of the study that every cell has judged once more, with what is fixed in place of their own values."""
+    study.pruner = optuna.pruners.NopPruner()
+    for number in numbers:
+        study.enqueue_trial({**study.trials[number].params, **fixed})
+        _judge(study, study.ask(SEARCHED), trials)
+
+
+def _judge(study: optuna.Study, trial: optuna.Trial, trials: int) -> None:
+    trial.set_user_attr("trials", trials)
+    found: dict[str, float] = {}
+    for step, found in enumerate(rungs(trial.params, trials, FIRST_SEED + trial.number)):
+        trial.set_user_attr("distances", found)
+        trial.report(loss(found), FEWER**step)
+        if step < LAST and trial.should_prune():
+            study.tell(trial, state=optuna.trial.TrialState.PRUNED)
+            return
+    study.tell(trial, loss(found))
+    print(f"{loss(found):.2f}  point {trial.number}", flush=True)
 
 
 def neighbours(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
@@ -102,8 +195,7 @@ def vary(study: optuna.Study, trials: int) -> None:
             continue
         name, value = change
         found = dict(measured({**values, **({name: value} if name else {})}, trials, FIRST_SEED - 1))
-        attributes = {"change": list(change), "distances": found, "trials": trials}
-        study.add_trial(optuna.trial.create_trial(value=loss(found), user_attrs=attributes))
+        _keep(study, loss(found), found, trials, change=list(change))
         print(f"{loss(found):.2f}  {name or 'conf/'} {'' if value is None else value}")
 
 
@@ -120,8 +212,7 @@ def judge_again(fit: optuna.Study, finalists: optuna.Study, count: int, trials: 
         if point.number in done:
             continue
         found = dict(measured(point.params, trials, FINAL_SEED))
-        attributes = {"number": point.number, "values": point.params, "distances": found, "trials": trials}
-        finalists.add_trial(optuna.trial.create_trial(value=loss(found), user_attrs=attributes))
+        _keep(finalists, loss(found), found, trials, number=point.number, values=point.params)
         print(f"{loss(found):.2f}  point {point.number}, {point.value:.2f} in the search", flush=True)
 
 
@@ -134,7 +225,7 @@ def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str,
         "unit": UNIT,
         "first_seed": FIRST_SEED,
         "final_seed": FINAL_SEED,
-        "given_up": len(fit.get_trials(states=[optuna.trial.TrialState.PRUNED])),
+        "given_up": given_up(fit),
         "trials": sorted({trial.user_attrs["trials"] for trial in finished}),
         "sensitivity": [
             {"loss": trial.value, **trial.user_attrs} for trial in sensitivity.get_trials() if trial.user_attrs
@@ -144,11 +235,11 @@ def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str,
 
 def points_of(fit: optuna.Study, finalists: optuna.Study) -> str:
     """Every point that all cells have judged as CSV, in the search and as a finalist: values, loss, distances."""
-    points = [
+    judged = [
         ("search", trial.number, trial.user_attrs["trials"], trial.value, trial.params, trial.user_attrs["distances"])
         for trial in sorted(best_of(fit, len(fit.trials)), key=lambda trial: trial.number)
     ]
-    points += [
+    judged += [
         (
             "finalists",
             *(trial.user_attrs[key] for key in ("number", "trials")),
@@ -157,7 +248,7 @@ def points_of(fit: optuna.Study, finalists: optuna.Study) -> str:
         )
         for trial in finalists.trials
     ]
-    cells = sorted({cell for *_, distances in points for cell in distances})
+    cells = sorted({cell for *_, distances in judged for cell in distances})
     rows = [
         [
             kind,
@@ -167,7 +258,7 @@ def points_of(fit: optuna.Study, finalists: optuna.Study) -> str:
             *map(_text, (values.get(name) for name in FREE)),
             *(f"{distances[cell]:.3g}" if cell in distances else None for cell in cells),
         ]
-        for kind, number, trials, value, values, distances in points
+        for kind, number, trials, value, values, distances in judged
     ]
     return csv_of(["of", "number", "trials", "loss", *FREE, *cells], rows)
 
@@ -181,6 +272,8 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--points", type=int, default=40, help="points to add to the study")
     made.add_argument("--trials", type=int, default=16, help="trials a cell and point")
     made.add_argument("--study", type=Path, default=Path("runs/calibration.db"))
+    made.add_argument("--fix", nargs="+", default=[], metavar="KEY=VALUE", help="free values that are not searched")
+    made.add_argument("--again", nargs="+", type=int, metavar="NUMBER", help="judge points of the study anew instead")
     made.add_argument("--finalists", type=int, metavar="N", help="judge the N best points again instead")
     made.add_argument("--sensitivity", action="store_true", help="vary the values in conf/ one at a time instead")
     made.add_argument(
@@ -194,12 +287,20 @@ def parser() -> argparse.ArgumentParser:
 @torch.no_grad()
 def main(words: Sequence[str] | None = None) -> None:
     arguments = parser().parse_args(words)
+    try:
+        fixed = typed(dict(word.partition("=")[::2] for word in arguments.fix))
+    except ConfigError as error:
+        print(f"snnrl.calibrate: {error}", file=sys.stderr)
+        sys.exit(2)
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     fit, finalists, sensitivity = (
         optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)
         for name in STUDIES
     )
-    if arguments.record is not None:
+    begin(fit, finalists, sensitivity)
+    if arguments.again:
+        again(fit, arguments.again, arguments.trials, fixed)
+    elif arguments.record is not None:
         write_json(CALIBRATION, record(fit, sensitivity, arguments.record))
         write(POINTS, points_of(fit, finalists))
     elif arguments.finalists:
@@ -207,7 +308,7 @@ def main(words: Sequence[str] | None = None) -> None:
     elif arguments.sensitivity:
         vary(sensitivity, arguments.trials)
     else:
-        search(fit, arguments.points, arguments.trials)
+        search(fit, arguments.points, arguments.trials, fixed)
         print(f"best of {len(fit.trials)}: {fit.best_value:.2f}")
         for name, value in fit.best_params.items():
             print(f"  {name}: {value}")
