@@ -68,10 +68,13 @@ class Rewards(BaseCallback):
         return True
 
 
-def ppo(experiment: str, worlds: int, steps: int, seconds: float, seed: int, tick: float) -> np.ndarray:
+def ppo(
+    experiment: str, worlds: int, steps: int, seconds: float, seed: int, tick: float, overrides: list[str]
+) -> np.ndarray:
     """PPO with Stable-Baselines3's own values: items per s, [SPANS], the mean over its worlds."""
     identifier = f"snnrl/{experiment.title().replace('_', '')}-v0"
-    made = make_vec_env(lambda: gymnasium.make(identifier, overrides=[f"seconds={seconds}"]), worlds, seed=seed)
+    overrides = [*overrides, f"seconds={seconds}"]
+    made = make_vec_env(lambda: gymnasium.make(identifier, overrides=overrides), worlds, seed=seed)
     rewards = Rewards()
     batch = 64 if worlds == 1 else 512
     PPO("MlpPolicy", made, n_steps=256, batch_size=batch, seed=seed, device="cpu").learn(steps, rewards)
@@ -89,8 +92,11 @@ def curves(experiment: str, arguments: argparse.Namespace) -> tuple[list[Curve],
     for agent in AGENTS:
         result = collect(experiment, agent, config, options)
         found.append(Curve(agent, ticks / len(result.time), result.items / result.spans[:, None]))
-    lives = [ppo(experiment, 1, ticks, config.seconds + 1.0, seed, tick) for seed in range(arguments.lives)]
-    many = [ppo(experiment, arguments.worlds, arguments.steps, EPISODE, seed, tick) for seed in range(arguments.seeds)]
+    other = tick, arguments.override
+    lives = [ppo(experiment, 1, ticks, config.seconds + 1.0, seed, *other) for seed in range(arguments.lives)]
+    many = [
+        ppo(experiment, arguments.worlds, arguments.steps, EPISODE, seed, *other) for seed in range(arguments.seeds)
+    ]
     found.append(Curve(LIFE, ticks / SPANS, np.stack(lives, 1)))
     found.append(Curve(MANY, arguments.steps / SPANS, np.stack(many, 1)))
     return found, float(wired["reward_mean"]) / float(wired["seconds"])
