@@ -16,6 +16,7 @@ import yaml
 from helpers import compose_config
 
 from snnrl.configuration.builder import build
+from snnrl.errors import ConfigError
 from snnrl.recording.runs import Run
 from snnrl.running.job import perform
 from snnrl.thesis import calibrate, fit, measuring
@@ -305,6 +306,33 @@ def test_what_cannot_be_fixed_is_refused(
     assert left.value.code == 2
     assert capsys.readouterr().err.startswith(f"snnrl.calibrate: {line}")
     assert not list(tmp_path.iterdir())
+
+
+def test_the_sensitivity_is_of_the_values_that_it_was_tried_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Values of conf/ that have changed since are not taken for those; a record keeps which they were."""
+    held = json.loads(fit.CALIBRATION.read_text())
+    fits, finalists, sensitivity = (optuna.create_study() for _ in calibrate.STUDIES)
+    monkeypatch.setattr(calibrate, "points", lambda: [])
+    monkeypatch.setattr(calibrate, "present", lambda: {**held["varied"], "coding.range_gain": 9.0})
+    calibrate.begin(fits, finalists, sensitivity)
+    assert not sensitivity.trials
+    kept = calibrate.record(fits, sensitivity, "")
+    assert (kept["varied"], kept["sensitivity"]) == (held["varied"], held["sensitivity"])
+    fits, finalists, sensitivity = (optuna.create_study() for _ in calibrate.STUDIES)
+    monkeypatch.setattr(calibrate, "present", lambda: held["varied"])
+    calibrate.begin(fits, finalists, sensitivity)
+    assert calibrate.record(fits, sensitivity, "")["sensitivity"] == held["sensitivity"]
+    monkeypatch.setattr(calibrate, "neighbours", lambda values: [])
+    calibrate.vary(sensitivity, 2)  # nothing is left to do
+    assert len(sensitivity.trials) == len(held["sensitivity"])
+    monkeypatch.setattr(calibrate, "present", lambda: {**held["varied"], "coding.range_gain": 9.0})
+    with pytest.raises(ConfigError, match="--sensitivity=True: the study has that of other values than conf/"):
+        calibrate.vary(sensitivity, 2)
+
+
+def test_only_points_that_are_known_can_be_judged_anew() -> None:
+    with pytest.raises(ConfigError, match="--again=3: must be the number of a point whose values the study has"):
+        calibrate.again(optuna.create_study(), [3], 2, {})
 
 
 def recorded(losses: Mapping[str, list[float]], gains: list[float]) -> str:

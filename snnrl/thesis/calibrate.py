@@ -75,8 +75,8 @@ def begin(fit: optuna.Study, finalists: optuna.Study, sensitivity: optuna.Study)
         for start in STARTS:
             fit.enqueue_trial({**present(), **start})
         return
-    known = points()
-    for point in known:
+    recorded = points()
+    for point in recorded:
         values = typed(point.values)
         if point.of == "search":
             _pass_over(fit, point.number - len(fit.trials))
@@ -91,9 +91,11 @@ def begin(fit: optuna.Study, finalists: optuna.Study, sensitivity: optuna.Study)
         else:
             _keep(finalists, point.loss, point.distances, point.trials, number=point.number, values=values)
     fit.set_user_attr("given_up", held["given_up"])
-    _pass_over(fit, given_up(fit) + len(known) - len(finalists.trials) - len(fit.trials))
-    for varied in held["sensitivity"] if held["values"] == present() else ():
-        _keep(sensitivity, varied["loss"], varied["distances"], varied["trials"], change=varied["change"])
+    _pass_over(fit, given_up(fit) + len(recorded) - len(finalists.trials) - len(fit.trials))
+    if held["varied"] == present():
+        sensitivity.set_user_attr("varied", present())
+        for known in held["sensitivity"]:
+            _keep(sensitivity, known["loss"], known["distances"], known["trials"], change=known["change"])
 
 
 def _pass_over(study: optuna.Study, count: int) -> None:
@@ -153,10 +155,18 @@ def search(study: optuna.Study, points: int, trials: int, fixed: dict[str, Any] 
 
 
 def again(study: optuna.Study, numbers: Sequence[int], trials: int, fixed: Mapping[str, Any]) -> None:
-    """Add points of the study that every cell has judged once more, with what is fixed in place of their own values."""
+    """Have every cell judge points of the study, with what is fixed in place of their own values: as further points.
+
+    Raises:
+        ConfigError: a number that no such point has.
+    """
+    known = {trial.number: trial.params for trial in study.trials if trial.params}
+    for number in numbers:
+        if number not in known:
+            raise ConfigError("--again", number, "must be the number of a point whose values the study has")
     study.pruner = optuna.pruners.NopPruner()
     for number in numbers:
-        study.enqueue_trial({**study.trials[number].params, **fixed})
+        study.enqueue_trial({**known[number], **fixed})
         _judge(study, study.ask(SEARCHED), trials)
 
 
@@ -186,8 +196,17 @@ def neighbours(values: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def vary(study: optuna.Study, trials: int) -> None:
-    """Evaluate the values in conf/ and all their neighbours, on the same seed; what is there already is kept."""
+    """Evaluate the values in conf/ and all their neighbours, on the same seed; what is there already is kept.
+
+    Raises:
+        ConfigError: what is there is of other values.
+    """
     values = present()
+    if study.trials and study.user_attrs.get("varied") != values:
+        raise ConfigError(
+            "--sensitivity", True, "the study has that of other values than conf/; --study must be another"
+        )
+    study.set_user_attr("varied", values)
     changes: list[tuple[str, Any]] = [("", None), *neighbours(values)]
     done = {tuple(trial.user_attrs["change"]) for trial in study.get_trials() if "distances" in trial.user_attrs}
     for change in changes:
@@ -217,8 +236,16 @@ def judge_again(fit: optuna.Study, finalists: optuna.Study, count: int, trials: 
 
 
 def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str, Any]:
-    """What the report says of a search, and what there is to say of it."""
+    """What the report says of a search, and what there is to say of it.
+
+    A sensitivity that has not been tried in the study is that of the former record, with the values that it is of.
+    """
     finished = best_of(fit, len(fit.trials))
+    varied = {
+        "varied": sensitivity.user_attrs.get("varied"),
+        "sensitivity": [{"loss": trial.value, **trial.user_attrs} for trial in sensitivity.get_trials()],
+    }
+    former = calibration() or varied
     return {
         "values": present(),
         "note": note,
@@ -227,9 +254,7 @@ def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str,
         "final_seed": FINAL_SEED,
         "given_up": given_up(fit),
         "trials": sorted({trial.user_attrs["trials"] for trial in finished}),
-        "sensitivity": [
-            {"loss": trial.value, **trial.user_attrs} for trial in sensitivity.get_trials() if trial.user_attrs
-        ],
+        **(varied if sensitivity.trials else {key: former[key] for key in varied}),
     }
 
 
@@ -286,12 +311,15 @@ def parser() -> argparse.ArgumentParser:
 
 @torch.no_grad()
 def main(words: Sequence[str] | None = None) -> None:
-    arguments = parser().parse_args(words)
     try:
-        fixed = typed(dict(word.partition("=")[::2] for word in arguments.fix))
+        perform(parser().parse_args(words))
     except ConfigError as error:
         print(f"snnrl.calibrate: {error}", file=sys.stderr)
         sys.exit(2)
+
+
+def perform(arguments: argparse.Namespace) -> None:
+    fixed = typed(dict(word.partition("=")[::2] for word in arguments.fix))
     arguments.study.parent.mkdir(parents=True, exist_ok=True)
     fit, finalists, sensitivity = (
         optuna.create_study(storage=f"sqlite:///{arguments.study}", study_name=name, load_if_exists=True)
