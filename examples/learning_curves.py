@@ -92,11 +92,9 @@ def curves(experiment: str, arguments: argparse.Namespace) -> tuple[list[Curve],
     for agent in AGENTS:
         result = collect(experiment, agent, config, options)
         found.append(Curve(agent, ticks / len(result.time), result.items / result.spans[:, None]))
-    other = tick, arguments.override
-    lives = [ppo(experiment, 1, ticks, config.seconds + 1.0, seed, *other) for seed in range(arguments.lives)]
-    many = [
-        ppo(experiment, arguments.worlds, arguments.steps, EPISODE, seed, *other) for seed in range(arguments.seeds)
-    ]
+    rest = tick, arguments.override
+    lives = [ppo(experiment, 1, ticks, config.seconds + 1.0, seed, *rest) for seed in range(arguments.lives)]
+    many = [ppo(experiment, arguments.worlds, arguments.steps, EPISODE, seed, *rest) for seed in range(arguments.seeds)]
     found.append(Curve(LIFE, ticks / SPANS, np.stack(lives, 1)))
     found.append(Curve(MANY, arguments.steps / SPANS, np.stack(many, 1)))
     return found, float(wired["reward_mean"]) / float(wired["seconds"])

@@ -330,6 +330,18 @@ def test_the_sensitivity_is_of_the_values_that_it_was_tried_with(monkeypatch: py
         calibrate.vary(sensitivity, 2)
 
 
+def test_a_point_that_is_interrupted_is_not_left_as_being_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
+        yield {"a": 1.0}
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(calibrate, "rungs", rungs)
+    study = optuna.create_study()
+    with pytest.raises(KeyboardInterrupt):
+        calibrate.search(study, 2, trials=5)
+    assert [trial.state.name for trial in study.trials] == ["FAIL"]
+
+
 def test_only_points_that_are_known_can_be_judged_anew() -> None:
     with pytest.raises(ConfigError, match="--again=3: must be the number of a point whose values the study has"):
         calibrate.again(optuna.create_study(), [3], 2, {})

@@ -173,12 +173,16 @@ def again(study: optuna.Study, numbers: Sequence[int], trials: int, fixed: Mappi
 def _judge(study: optuna.Study, trial: optuna.Trial, trials: int) -> None:
     trial.set_user_attr("trials", trials)
     found: dict[str, float] = {}
-    for step, found in enumerate(rungs(trial.params, trials, FIRST_SEED + trial.number)):
-        trial.set_user_attr("distances", found)
-        trial.report(loss(found), FEWER**step)
-        if step < LAST and trial.should_prune():
-            study.tell(trial, state=optuna.trial.TrialState.PRUNED)
-            return
+    try:
+        for step, found in enumerate(rungs(trial.params, trials, FIRST_SEED + trial.number)):
+            trial.set_user_attr("distances", found)
+            trial.report(loss(found), FEWER**step)
+            if step < LAST and trial.should_prune():
+                study.tell(trial, state=optuna.trial.TrialState.PRUNED)
+                return
+    except BaseException:
+        study.tell(trial, state=optuna.trial.TrialState.FAIL)  # else it would count as still being judged
+        raise
     study.tell(trial, loss(found))
     print(f"{loss(found):.2f}  point {trial.number}", flush=True)
 
