@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 FOOD_ONLY = ("+experiment=food_attraction", "world.side=65", "world.kinds.food.count=60")
 FOOD_CONTAINER = (
     "+experiment=dual_learning",
-    "world.side=149",
+    "world.side=150",
     "world.kinds.food_container.count=12",
     "world.kinds.empty_container.count=12",
     "world.kinds.food.count=10",
@@ -119,8 +119,8 @@ def poison() -> None:
 
 def food_container() -> None:
     """Three ticks in which a container is entered, food is taken from one, and sets are above their limit."""
-    run = simulation(*FOOD_CONTAINER, "dtype=float64", "trial_start=7")
-    run.run(make_engine("fused", "cpu", 1), 11)
+    run = simulation(*FOOD_CONTAINER, "dtype=float64", "trial_start=10")
+    run.run(make_engine("fused", "cpu", 1), 13)
     before, weights = run.situation.world.touches.clone(), run.network.synapses.weight.clone()
     closed_loop(run, 3)
     assert (run.situation.world.touches - before)[0].tolist() == [1, 0, 1]

@@ -127,23 +127,18 @@ class World(nn.Module):
         kind = kinds.kind[: kinds.free]
         effect = kinds.effect[kind]
         radius, solid = kinds.radius[kind], effect != TAKEN
+        others = ~torch.eye(kinds.free, dtype=torch.bool, device=kind.device)
+        off_robot, apart = kinds.off_robot[kind], kinds.apart[kind][:, effect] & others
         standing = torch.zeros_like(solid) if moving is None else solid.clone()
         places = side * tried[:, 0, :, :2] if moving is None else self.places[:, : kinds.free].clone()
         uniform = tried[:, 0].clone()
         for m in kinds.order:
             place = side * tried[:, :, m, :2]
-            way, to_robot = (
-                offset(place[:, :, None], places[:, None], side),
-                offset(place, self.position[:, None], side),
-            )
-            overlaps = (
-                within(way[..., 0], way[..., 1], radius[m] + radius)
-                & standing
-                & kinds.apart[kind[m], effect]
-                & (torch.arange(kinds.free, device=kind.device) != m)
-            )
+            way = offset(place[:, :, None], places[:, None], side)
+            to_robot = offset(place, self.position[:, None], side)
+            overlaps = within(way[..., 0], way[..., 1], radius[m] + radius) & standing & apart[m]
             on_robot = within(to_robot[..., 0], to_robot[..., 1], radius[m])
-            blocked = overlaps.any(2) | on_robot & kinds.off_robot[kind[m]]
+            blocked = overlaps.any(2) | on_robot & off_robot[m]
             which = torch.where(blocked.all(1), self.attempts - 1, (~blocked).long().argmax(1))
             uniform[:, m] = tried[:, :, m].gather(1, which[:, None, None].expand(-1, 1, 4))[:, 0]
             moved = side * uniform[:, m, :2]
