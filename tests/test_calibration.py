@@ -279,6 +279,8 @@ def test_what_is_fixed_is_not_searched_and_points_can_be_judged_anew_with_it(mon
     study = optuna.create_study()
     fixed = calibrate.typed({"world.overlap": "nearest", "coding.range_gain": "1.5", OWN_MEAN: "None"})
     assert fixed == {"world.overlap": "nearest", "coding.range_gain": 1.5, OWN_MEAN: None}
+    current = "network.groups.inhibitory.current"
+    assert calibrate.typed({current: "0"}) == calibrate.typed({current: "0.0"}) == {current: 0.0}
     calibrate.search(study, 12, trials=5, fixed=fixed)
     assert all(values[name] == value for values in seen for name, value in fixed.items())
     assert len({values["coding.touch_gain"] for values in seen}) == 12

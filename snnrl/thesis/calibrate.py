@@ -129,10 +129,10 @@ def _typed(name: str, value: Any) -> Any:
         raise ConfigError(name, value, f"is not free; must be one of {', '.join(FREE)}")
     free = FREE[name]
     if isinstance(free, Choice):
-        known = {_text(choice): choice for choice in free.values}
-        if _text(value) not in known:
-            raise ConfigError(name, value, f"must be one of {', '.join(known)}")
-        return known[_text(value)]
+        for choice in free.values:
+            if _text(value) in (_text(choice), str(choice)):
+                return choice
+        raise ConfigError(name, value, f"must be one of {', '.join(map(_text, free.values))}")
     try:
         number = float(value)
     except ValueError:
