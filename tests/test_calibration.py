@@ -240,12 +240,18 @@ def test_finalists_are_judged_once_more_on_a_seed_of_their_own(monkeypatch: pyte
 
     def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
         seen.append((values["coding.range_gain"], trials, seed))
+        if len(seen) == 1:
+            raise KeyboardInterrupt
+        if len(seen) == 2:  # a second process, meanwhile, takes the next
+            calibrate.judge_again(study, finalists, 2, trials=50)
         yield from (("a b", 2.0), ("dose", 0.0))
 
     monkeypatch.setattr(calibrate, "measured", measured)
+    with pytest.raises(KeyboardInterrupt):
+        calibrate.judge_again(study, finalists, 2, trials=50)
     calibrate.judge_again(study, finalists, 2, trials=50)
     calibrate.judge_again(study, finalists, 2, trials=50)
-    assert seen == [(2.0, 50, calibrate.FINAL_SEED), (3.0, 50, calibrate.FINAL_SEED)]
+    assert seen == [(gain, 50, calibrate.FINAL_SEED) for gain in (2.0, 2.0, 3.0)]
     rows = calibrate.points_of(study, finalists).splitlines()
     assert [row.split(",")[:3] for row in rows[1:]] == [
         ["search", "0", "5"],

@@ -230,12 +230,20 @@ def best_of(study: optuna.Study, count: int) -> list[optuna.trial.FrozenTrial]:
 
 def judge_again(fit: optuna.Study, finalists: optuna.Study, count: int, trials: int) -> None:
     """Judge the best points of a search once more, all on one seed that it has not used; what is there is kept."""
-    done = {trial.user_attrs["number"] for trial in finalists.trials}
     for point in best_of(fit, count):
-        if point.number in done:
+        taken = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.RUNNING)
+        if point.number in {trial.user_attrs.get("number") for trial in finalists.get_trials(states=taken)}:
             continue
-        found = dict(measured(point.params, trials, FINAL_SEED))
-        _keep(finalists, loss(found), found, trials, number=point.number, values=point.params)
+        trial = finalists.ask()
+        trial.set_user_attr("number", point.number)
+        try:
+            found = dict(measured(point.params, trials, FINAL_SEED))
+        except BaseException:
+            finalists.tell(trial, state=optuna.trial.TrialState.FAIL)
+            raise
+        for key, value in {"values": point.params, "trials": trials, "distances": found}.items():
+            trial.set_user_attr(key, value)
+        finalists.tell(trial, loss(found))
         print(f"{loss(found):.2f}  point {point.number}, {point.value:.2f} in the search", flush=True)
 
 
@@ -275,7 +283,7 @@ def points_of(fit: optuna.Study, finalists: optuna.Study) -> str:
             trial.value,
             *(trial.user_attrs[key] for key in ("values", "distances")),
         )
-        for trial in finalists.trials
+        for trial in finalists.get_trials(states=[optuna.trial.TrialState.COMPLETE])
     ]
     cells = sorted({cell for *_, distances in judged for cell in distances})
     rows = [
