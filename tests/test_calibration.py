@@ -226,7 +226,9 @@ def test_of_four_points_the_best_goes_on_to_the_next_rung(monkeypatch: pytest.Mo
     assert calibrate.points_of(study, finalists).count("\n") == 1 + complete
 
 
-def test_finalists_are_judged_once_more_on_a_seed_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finalists_are_judged_once_more_on_a_seed_of_their_own(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     study, finalists = optuna.create_study(), optuna.create_study()
     for k, value in enumerate((3.0, 1.0, 2.0)):
         attributes = {"trials": 5, "distances": {"a b": value, "dose": 0.0}}
@@ -252,6 +254,7 @@ def test_finalists_are_judged_once_more_on_a_seed_of_their_own(monkeypatch: pyte
     calibrate.judge_again(study, finalists, 2, trials=50)
     calibrate.judge_again(study, finalists, 2, trials=50)
     assert seen == [(gain, 50, calibrate.FINAL_SEED) for gain in (2.0, 2.0, 3.0)]
+    assert capsys.readouterr().out.count("point 1: left to another process") == 1
     rows = calibrate.points_of(study, finalists).splitlines()
     assert [row.split(",")[:3] for row in rows[1:]] == [
         ["search", "0", "5"],

@@ -43,6 +43,7 @@ TELLING = (  # what most of the others fail
     ("dual_learning", "learning"),
 )
 STUDIES = ("calibration by rungs", "finalists", "sensitivity")
+TAKEN = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.RUNNING)  # finalists that need no judging
 
 
 def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
@@ -231,8 +232,10 @@ def best_of(study: optuna.Study, count: int) -> list[optuna.trial.FrozenTrial]:
 def judge_again(fit: optuna.Study, finalists: optuna.Study, count: int, trials: int) -> None:
     """Judge the best points of a search once more, all on one seed that it has not used; what is there is kept."""
     for point in best_of(fit, count):
-        taken = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.RUNNING)
-        if point.number in {trial.user_attrs.get("number") for trial in finalists.get_trials(states=taken)}:
+        taken = {trial.user_attrs.get("number"): trial.state for trial in finalists.trials if trial.state in TAKEN}
+        if point.number in taken:
+            if taken[point.number] == optuna.trial.TrialState.RUNNING:
+                print(f"point {point.number}: left to another process, or to one that was killed at it", flush=True)
             continue
         trial = finalists.ask()
         trial.set_user_attr("number", point.number)
