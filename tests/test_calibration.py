@@ -341,6 +341,36 @@ def test_the_sensitivity_is_of_the_values_that_it_was_tried_with(monkeypatch: py
         calibrate.vary(sensitivity, 2)
 
 
+def test_several_processes_share_a_sensitivity(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study, seen = optuna.create_study(), list[float]()
+
+    def measured(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[tuple[str, float]]:
+        seen.append(values["coding.range_gain"])
+        if len(seen) == 1:
+            raise KeyboardInterrupt
+        if len(seen) == 2:  # a second process, meanwhile, takes the next
+            calibrate.vary(study, 12)
+        yield "a b", float(len(seen))
+
+    monkeypatch.setattr(calibrate, "measured", measured)
+    monkeypatch.setattr(calibrate, "present", lambda: {"coding.range_gain": 3.0})
+    monkeypatch.setattr(calibrate, "neighbours", lambda values: [("coding.range_gain", 2.0)])
+    with pytest.raises(KeyboardInterrupt):
+        calibrate.vary(study, 12)
+    assert [trial.state.name for trial in study.trials] == ["FAIL"]
+    for _ in range(2):
+        calibrate.vary(study, 12)
+    assert seen == [3.0, 3.0, 2.0]
+    assert capsys.readouterr().out.count("conf/: left to another process") == 1
+    held = calibrate.record(optuna.create_study(), study, "")["sensitivity"]
+    assert [(known["change"], known["distances"]) for known in held] == [
+        (["", None], {"a b": 3.0}),
+        (["coding.range_gain", 2.0], {"a b": 3.0}),
+    ]
+
+
 def test_a_point_that_is_interrupted_is_not_left_as_being_judged(monkeypatch: pytest.MonkeyPatch) -> None:
     def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
         yield {"a": 1.0}

@@ -43,7 +43,7 @@ TELLING = (  # what most of the others fail
     ("dual_learning", "learning"),
 )
 STUDIES = ("calibration by rungs", "finalists", "sensitivity")
-TAKEN = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.RUNNING)  # finalists that need no judging
+TAKEN = (optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.RUNNING)  # what needs no judging
 
 
 def rungs(values: Mapping[str, Any], trials: int, seed: int) -> Iterator[dict[str, float]]:
@@ -212,42 +212,52 @@ def vary(study: optuna.Study, trials: int) -> None:
             "--sensitivity", True, "the study has that of other values than conf/; --study must be another"
         )
     study.set_user_attr("varied", values)
-    changes: list[tuple[str, Any]] = [("", None), *neighbours(values)]
-    done = {tuple(trial.user_attrs["change"]) for trial in study.get_trials() if "distances" in trial.user_attrs}
-    for change in changes:
-        if change in done:
+    for name, value in [("", None), *neighbours(values)]:
+        change, called = [name, value], f"{name} {value}" if name else "conf/"
+        if taken(study, "change", change, called):
             continue
-        name, value = change
-        found = dict(measured({**values, **({name: value} if name else {})}, trials, FIRST_SEED - 1))
-        _keep(study, loss(found), found, trials, change=list(change))
-        print(f"{loss(found):.2f}  {name or 'conf/'} {'' if value is None else value}")
+        changed = {**values, **({name: value} if name else {})}
+        found = judge(study, {"change": change}, changed, trials, FIRST_SEED - 1)
+        print(f"{found:.2f}  {called}", flush=True)
 
 
 def best_of(study: optuna.Study, count: int) -> list[optuna.trial.FrozenTrial]:
     """The points that every cell has judged, those of the least loss, the best first."""
-    judged = study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
-    return sorted(judged, key=lambda trial: float(trial.value or 0.0))[:count]
+    complete = study.get_trials(states=[optuna.trial.TrialState.COMPLETE])
+    return sorted(complete, key=lambda trial: float(trial.value or 0.0))[:count]
 
 
 def judge_again(fit: optuna.Study, finalists: optuna.Study, count: int, trials: int) -> None:
     """Judge the best points of a search once more, all on one seed that it has not used; what is there is kept."""
     for point in best_of(fit, count):
-        taken = {trial.user_attrs.get("number"): trial.state for trial in finalists.trials if trial.state in TAKEN}
-        if point.number in taken:
-            if taken[point.number] == optuna.trial.TrialState.RUNNING:
-                print(f"point {point.number}: left to another process, or to one that was killed at it", flush=True)
+        if taken(finalists, "number", point.number, f"point {point.number}"):
             continue
-        trial = finalists.ask()
-        trial.set_user_attr("number", point.number)
-        try:
-            found = dict(measured(point.params, trials, FINAL_SEED))
-        except BaseException:
-            finalists.tell(trial, state=optuna.trial.TrialState.FAIL)
-            raise
-        for key, value in {"values": point.params, "trials": trials, "distances": found}.items():
-            trial.set_user_attr(key, value)
-        finalists.tell(trial, loss(found))
-        print(f"{loss(found):.2f}  point {point.number}, {point.value:.2f} in the search", flush=True)
+        found = judge(finalists, {"number": point.number, "values": point.params}, point.params, trials, FINAL_SEED)
+        print(f"{found:.2f}  point {point.number}, {point.value:.2f} in the search", flush=True)
+
+
+def taken(study: optuna.Study, key: str, value: Any, called: str) -> bool:
+    """Whether a study has what an attribute says, or another process is judging it."""
+    states = {trial.state for trial in study.get_trials(states=TAKEN) if trial.user_attrs.get(key) == value}
+    if states == {optuna.trial.TrialState.RUNNING}:
+        print(f"{called}: left to another process, or to one that was killed at it", flush=True)
+    return bool(states)
+
+
+def judge(study: optuna.Study, told: Mapping[str, Any], values: Mapping[str, Any], trials: int, seed: int) -> float:
+    """Judge values by all cells outside of a search, so that no other process does; returns the loss."""
+    trial = study.ask()
+    for key, value in told.items():
+        trial.set_user_attr(key, value)
+    try:
+        found = dict(measured(values, trials, seed))
+    except BaseException:
+        study.tell(trial, state=optuna.trial.TrialState.FAIL)
+        raise
+    trial.set_user_attr("distances", found)
+    trial.set_user_attr("trials", trials)
+    study.tell(trial, loss(found))
+    return loss(found)
 
 
 def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str, Any]:
@@ -258,7 +268,10 @@ def record(fit: optuna.Study, sensitivity: optuna.Study, note: str) -> dict[str,
     finished = best_of(fit, len(fit.trials))
     varied = {
         "varied": sensitivity.user_attrs.get("varied"),
-        "sensitivity": [{"loss": trial.value, **trial.user_attrs} for trial in sensitivity.get_trials()],
+        "sensitivity": [
+            {"loss": trial.value, **trial.user_attrs}
+            for trial in sensitivity.get_trials(states=[optuna.trial.TrialState.COMPLETE])
+        ],
     }
     former = calibration() or varied
     return {
