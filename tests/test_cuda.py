@@ -224,13 +224,13 @@ def neurons_alone() -> None:
     import gpu_limit
 
     run = simulation(*FOOD_ONLY, "dtype=float64")
-    before, weights = run.network.spike_count.clone(), run.network.synapses.weight.clone()
+    before, weights = run.network.neurons.last_spike.clone(), run.network.synapses.weight.clone()
     assert gpu_limit.limit_of(run, 0.07, 1) > 0.0
-    assert torch.equal(run.network.spike_count, before)  # of a copy
+    assert torch.equal(run.network.neurons.last_spike, before)  # of a copy
     launch = CudaEngine().launch(run.network, 0, 0)
     coding = gpu_limit.coding_arrays(run.situation.coding, run.network, run.situation.world)
     launch(gpu_limit.all_alone, run.tick, coding, 1, np.zeros((0, 0, 0), np.uint8))
-    assert (run.network.spike_count > before).any()
+    assert (run.network.neurons.last_spike > before).any()
     assert torch.equal(run.network.synapses.weight, weights)
 
 

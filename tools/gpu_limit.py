@@ -35,12 +35,13 @@ def all_alone(t, s, scratch, time, coding, ticks, raster):  # type: ignore[no-un
     trial = cuda.blockIdx.x
     doubles = cuda.shared.array(0, types.float64)
     reals = cuda.shared.array(0, ELEMENT)
-    w = begin(t, s, scratch, doubles, reals, trial, cuda.threadIdx.x, cuda.blockDim.x)
+    whole = cuda.shared.array(0, types.uint32)
+    w = begin(t, s, scratch, doubles, reals, whole, trial, cuda.threadIdx.x)
     for k in range(ticks):
         first = time + k * coding.tick
         for row in range(coding.tick):
             explore(t.tables, w, coding, trial, first + row, first)
-            update_cells(t, s, w, trial, first + row, 0, raster, 0)
+            update_cells(t, s, w, trial, first + row, 0, 0, raster, 0)
 
 
 def limit_of(simulation: Simulation[Any], seconds: float = 10.0, repeats: int = 3) -> float:

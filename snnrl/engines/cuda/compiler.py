@@ -28,7 +28,7 @@ from snnrl.errors import ConfigError
 
 SIMULATED = bool(settings.ENABLE_CUDASIM)
 BLOCKS = 8  # that have room on a multiprocessor at least
-PARTS = 4 if SIMULATED else 16  # of a sum, which one thread each adds up; no block has fewer threads
+WARP = 1 if SIMULATED else 32  # threads that can add up without waiting
 jit: Any = cuda.jit
 KNOWN = {name: value for name, value in vars(scalars).items() if isinstance(value, FunctionType)}
 _UNKNOWN = object()
@@ -50,6 +50,21 @@ def count(array, index):
 
 
 @placeholder
+def mark(array, index, bit):
+    """Set a bit of a whole number in an array, whatever other threads do."""
+
+
+@placeholder
+def lowest(word):
+    """The number of the lowest bit that is set."""
+
+
+@placeholder
+def sum_of_warp(value):
+    """The sum of what all threads of a warp have, for the first of them; its order is always the same."""
+
+
+@placeholder
 def real(number):
     """A number in the network's precision."""
 
@@ -66,6 +81,22 @@ def _count(array, index):
     cuda.atomic.add(array, index, 1)
 
 
+def _mark(array, index, bit):
+    cuda.atomic.or_(array, index, bit)
+
+
+def _lowest(word):
+    return cuda.ffs(word) - 1
+
+
+def _sum_of_warp(value):
+    value += cuda.shfl_down_sync(0xFFFFFFFF, value, 16)
+    value += cuda.shfl_down_sync(0xFFFFFFFF, value, 8)
+    value += cuda.shfl_down_sync(0xFFFFFFFF, value, 4)
+    value += cuda.shfl_down_sync(0xFFFFFFFF, value, 2)
+    return value + cuda.shfl_down_sync(0xFFFFFFFF, value, 1)
+
+
 def _wait_simulated():
     threading.current_thread().syncthreads()
 
@@ -79,9 +110,36 @@ def _count_simulated(array, index):
         array[index] += 1
 
 
+def _mark_simulated(array, index, bit):
+    with _counting:
+        array[index] |= bit
+
+
+def _lowest_simulated(word):
+    return (int(word) & -int(word)).bit_length() - 1
+
+
+def _sum_of_warp_simulated(value):
+    return value
+
+
 _counting = threading.Lock()
-_TOGETHER = {"barrier": _wait, "anywhere": _anywhere, "count": _count}
-_TOGETHER_SIMULATED = {"barrier": _wait_simulated, "anywhere": _anywhere_simulated, "count": _count_simulated}
+_ON_DEVICE = {
+    "barrier": _wait,
+    "anywhere": _anywhere,
+    "count": _count,
+    "mark": _mark,
+    "lowest": _lowest,
+    "sum_of_warp": _sum_of_warp,
+}
+_SIMULATED = {
+    "barrier": _wait_simulated,
+    "anywhere": _anywhere_simulated,
+    "count": _count_simulated,
+    "mark": _mark_simulated,
+    "lowest": _lowest_simulated,
+    "sum_of_warp": _sum_of_warp_simulated,
+}
 
 
 @contextmanager
@@ -121,7 +179,7 @@ class Program:
 
     def __init__(self, real: Any, names: Mapping[str, Any]) -> None:
         self.real = real
-        self.names = {**names, "real": real, **(_TOGETHER_SIMULATED if SIMULATED else _TOGETHER)}
+        self.names = {**names, "real": real, **(_SIMULATED if SIMULATED else _ON_DEVICE)}
         self._known: dict[tuple[Callable[..., Any], Any], Any] = {}
         self._kernels: dict[Callable[..., Any], Any] = {}
 

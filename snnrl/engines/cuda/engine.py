@@ -22,7 +22,8 @@ from snnrl.engines.cuda.coding import run_robot
 from snnrl.engines.cuda.compiler import SIMULATED, Program, compiling
 from snnrl.engines.cuda.network import Described, run_network
 from snnrl.engines.cuda.neurons import spikes_of, stepping
-from snnrl.engines.cuda.work import State, put_back, scratch_for, side_by_side, sizes_of, wiring_of
+from snnrl.engines.cuda.shape import Shape, names_of
+from snnrl.engines.cuda.work import WORD, State, put_back, scratch_for, side_by_side, sizes_of, wiring_of
 from snnrl.engines.fused.coding import coding_arrays
 from snnrl.engines.fused.engine import check_compiled, describe
 from snnrl.engines.fused.modulators import releasing
@@ -35,7 +36,7 @@ from snnrl.errors import ConfigError
 from snnrl.model.draws import poisson_table_size
 from snnrl.model.network import Network, SynapseTable
 
-LANES = 4 if SIMULATED else 128  # most threads of a block; each of the simulator's is one of Python's
+LANES = 4 if SIMULATED else 64  # most threads of a block; each of the simulator's is one of Python's
 LEAST = 4 if SIMULATED else 32
 ON_CHIP = 48 * 1024  # bytes of shared memory that every block may have
 TICKS = 100  # of a launch at most: the interpreter cannot be interrupted before it ends
@@ -147,12 +148,25 @@ class Launch:
         self, network: Network, tables: Tables, functions: Functions, arrays: Described, kinds: int, sensors: int
     ) -> None:
         self.network, self.lanes = network, _lanes(network)
+        self.shape = Shape(
+            lanes=self.lanes,
+            neurons=network.size,
+            words=(network.size >> WORD) + 1,
+            groups=len(network.groups),
+            runs=len(arrays.wiring.runs),
+            sets=len(network.homeostasis),
+            modulators=len(network.modulators),
+            signals=len(tables.signals),
+            phases=len(arrays.wiring.row_of),
+            slots=network.slots,
+        )
         self.modulators = side_by_side(network, tables)
         learnt, sums = sizes_of(arrays.wiring, self.lanes)
-        size = 2 * learnt * network.pending.itemsize + 8 * sums
-        on_chip = size <= ON_CHIP
-        self.program = program_of(functions, real_of(network), on_chip)
-        self.shared = size if on_chip else 0
+        synapses = 2 * learnt * network.pending.itemsize
+        others = 8 * sums + 4 * (2 * self.shape.words + self.shape.groups)
+        on_chip = synapses + others <= ON_CHIP
+        self.program = program_of(functions, real_of(network), on_chip, self.shape)
+        self.shared = -(-(others + (synapses if on_chip else 0)) // 8) * 8
         room = scratch_for(network, arrays.wiring, on_chip, len(tables.signals), self.lanes, kinds, sensors)
         self.given = arrays, _state(network, self.modulators), on_device(room, network.device)
 
@@ -184,13 +198,14 @@ def _start(kernel: Any, configuration: tuple[int, ...], given: tuple[Any, ...]) 
 
 
 @cache
-def program_of(functions: Functions, real: Any, on_chip: bool) -> Program:
-    """Kernels, compiled for networks of these functions.
+def program_of(functions: Functions, real: Any, on_chip: bool, shape: Shape) -> Program:
+    """Kernels, compiled for networks of these functions and numbers.
 
     `on_chip` is whether weights and eligibilities are in shared memory while they run.
     """
     element = types.float64 if real is np.float64 else types.float32
     names = {"SHARED": on_chip, "ELEMENT": element, "WIDE": np.dtype(real).itemsize, "spikes_of": spikes_of}
+    names |= names_of(shape)
     return Program(real, {**stepping(functions), **releasing(functions), **bounding(functions), **names})
 
 

@@ -10,8 +10,9 @@ from snnrl.engines.cuda.compiler import anywhere, barrier, real
 from snnrl.engines.cuda.homeostasis import dampen
 from snnrl.engines.cuda.neurons import update_cells
 from snnrl.engines.cuda.plasticity import learn, load_synapses, send, store_synapses
+from snnrl.engines.cuda.shape import GROUPS, LANES, MODULATORS, NEURONS, RUNS, SIGNALS, SLOTS, WORDS
 from snnrl.engines.cuda.work import Work
-from snnrl.engines.fused.modulators import signal_of, step_modulators
+from snnrl.engines.fused.modulators import note_spikes, signal_of, step_modulator
 
 
 class Described(NamedTuple):
@@ -27,25 +28,24 @@ WIDE: Any = None  # bytes of a real number
 ELEMENT: Any = None  # numba's type of real numbers
 
 
-def begin(t, s, scratch, doubles, reals, trial, lane, lanes):
+def begin(t, s, scratch, doubles, reals, whole, trial, lane):
     """A thread's view of its trial, which is made ready for the first ms of a launch.
 
-    `doubles` and `reals` are both all the memory of the block, on its processor.
+    `doubles`, `reals` and `whole` are all three all the memory of the block, on its processor.
     """
     learnt, sums = scratch.sizes
-    first = 2 * sums if WIDE == 4 else sums  # weights are behind the sums, as real numbers
+    first = 8 * sums // WIDE  # weights are behind the sums
+    after = (8 * sums + 2 * learnt * WIDE if SHARED else 8 * sums) // 4
     w = Work(
         lane,
-        lanes,
         reals[first : first + learnt] if SHARED else scratch.weight[trial],
         reals[first + learnt : first + 2 * learnt] if SHARED else scratch.eligibility[trial],
-        doubles[:sums] if SHARED else scratch.partial[trial],
+        doubles[:sums],
+        whole[after : after + 2 * WORDS],
+        whole[after + 2 * WORDS : after + 2 * WORDS + GROUPS],
         scratch.injected[trial],
         scratch.held[trial],
-        scratch.fired[trial],
         scratch.earlier[trial],
-        scratch.spikes[trial],
-        scratch.over[trial],
         scratch.signal[trial],
         s.level[trial],
         s.total[trial],
@@ -57,65 +57,83 @@ def begin(t, s, scratch, doubles, reals, trial, lane, lanes):
         scratch.sign[trial],
     )
     load_synapses(t, s, w, trial)
-    clear_spikes(w)
+    clear(w.fired, 0, 2 * WORDS, lane)
+    clear(w.spikes, 0, GROUPS, lane)
     barrier()
     return w
 
 
-def clear_spikes(w):
-    """No group has fired."""
-    g = w.lane
-    while g < w.spikes.shape[0]:
-        w.spikes[g] = 0
-        g += w.lanes
+def clear(numbers, first, count, lane):
+    """Make so many whole numbers 0."""
+    k = lane
+    while k < count:
+        numbers[first + k] = 0
+        k += LANES
 
 
-def modulate(t, w, now, any_fired, sign, reward):
-    """Step 3, by one thread: it also says what synapses now listen to."""
-    step_modulators(t, w, now, 1 if any_fired else 0, sign, reward)
-    for signal in range(t.signals.shape[0]):
+def modulate(t, w, now, sign, reward):
+    """Step 3, by one thread; it needs no spike of this ms. It also says what synapses now listen to."""
+    for m in range(MODULATORS):
+        step_modulator(t, w, m, now, sign, reward)
+    for signal in range(SIGNALS):
         w.signal[signal] = signal_of(t, w, signal)
 
 
-def step(t, s, w, trial, now, slot, sign, reward, raster, row):
+def note(t, s, w, trial, now, any_fired, base):
+    """Tell modulators, and whoever counts spikes, of those in this ms; make room for those of the next."""
+    if w.lane == LANES - 1:
+        for m in range(MODULATORS):
+            note_spikes(t.tables, w, m, now, any_fired)
+    if any_fired:
+        clear(w.fired, WORDS - base, WORDS, w.lane)
+        g = w.lane
+        while g < GROUPS:
+            s.spike_count[trial, g] += w.spikes[g]
+            g += LANES
+
+
+def step(t, s, w, trial, now, slot, base, sign, reward, raster, row):
     """One ms of a trial, whose current from outside is in `injected`; the order is that of `Network.step`.
 
-    `slot` is where in `pending` this ms is.
+    `slot` is where in `pending` this ms is, `base` where in `fired` its spikes are; returns where the next's are.
     """
-    some, senders = update_cells(t, s, w, trial, now, slot, raster, row)
-    any_fired = anywhere(some)
-    if w.lane == 0:
-        modulate(t.tables, w, now, any_fired, sign, reward)
-    any_sends = anywhere(senders)
-    if any_fired:
-        clear_spikes(w)
-    if t.wiring.runs.shape[0] > 0:
-        learn(t.tables, t.wiring, s, w, trial, now, any_fired)
-        dampen(t.tables, t.wiring, w, trial)
-    if any_sends:
-        barrier()
-        send(t.tables, t.wiring, s, w, trial, slot)
+    if w.lane == LANES - 1:  # which has fewer neurons than others
+        modulate(t.tables, w, now, sign, reward)
+    any_fired = anywhere(update_cells(t, s, w, trial, now, slot, base, raster, row))
+    note(t, s, w, trial, now, any_fired, base)
+    if RUNS > 0:
+        learn(t.tables, t.wiring, s, w, trial, now, any_fired, base)
     barrier()
+    lowered = RUNS > 0 and dampen(t.tables, t.wiring, w, trial)
+    if any_fired:
+        if lowered:
+            barrier()
+        clear(w.spikes, 0, GROUPS, w.lane)
+        send(t.tables, t.wiring, s, w, trial, slot, base)
+        barrier()
+        return WORDS - base
+    return base
 
 
-def after(slot, slots):
+def after(slot):
     """Where in `pending` the next ms is."""
-    return slot + 1 if slot + 1 < slots else 0
+    return slot + 1 if slot + 1 < SLOTS else 0
 
 
 def run_network(t, s, scratch, time, injected, sign, raster, reward):
     """Open loop: all rows of `injected` [T, B, N]; `reward` is [T, B] or [0, B]."""
-    trial, slots = cuda.blockIdx.x, s.pending.shape[1]
+    trial = cuda.blockIdx.x
     doubles = cuda.shared.array(0, types.float64)
     reals = cuda.shared.array(0, ELEMENT)
-    w = begin(t, s, scratch, doubles, reals, trial, cuda.threadIdx.x, cuda.blockDim.x)
-    slot = time % slots
+    whole = cuda.shared.array(0, types.uint32)
+    w = begin(t, s, scratch, doubles, reals, whole, trial, cuda.threadIdx.x)
+    slot, base = time % SLOTS, 0
     for k in range(injected.shape[0]):
         n = w.lane
-        while n < injected.shape[2]:
+        while n < NEURONS:
             w.injected[n] = injected[k, trial, n]
-            n += w.lanes
+            n += LANES
         given = reward[k, trial] if reward.shape[0] > 0 else real(0.0)
-        step(t, s, w, trial, time + k, slot, sign[trial], given, raster, k)
-        slot = after(slot, slots)
+        base = step(t, s, w, trial, time + k, slot, base, sign[trial], given, raster, k)
+        slot = after(slot)
     store_synapses(t, s, w, trial)

@@ -8,7 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from snnrl.engines.cuda.compiler import count, real
+import numpy as np
+
+from snnrl.engines.cuda.compiler import count, mark, real
+from snnrl.engines.cuda.shape import LANES, NEURONS
+from snnrl.engines.cuda.work import REST, WORD
 from snnrl.engines.fused.compiler import placeholder, spelled
 from snnrl.engines.fused.draws import UNIT, bits
 from snnrl.engines.layout import NOISE_STREAM, SIZE, START, Functions
@@ -48,31 +52,29 @@ def background(t, trial, n, now):
     return current
 
 
-def update_cells(t, s, w, trial, now, slot, raster, row):
+def update_cells(t, s, w, trial, now, slot, base, raster, row):
     """One ms of all neurons, whose current from outside is in `injected`.
 
-    Who fired goes to `fired`; returns whether any of this thread's did, and whether any of these has synapses to send.
+    Who fired goes to `fired`, from `base` on; returns whether any of this thread's did.
     """
     shown = raster.shape[0] > 0 and trial < raster.shape[1]
-    n, some, senders = w.lane, False, False
-    while n < s.last_spike.shape[1]:
+    n, some = w.lane, False
+    while n < NEURONS:
         current = s.pending[trial, slot, n]
         current += background(t, trial, n, now) if t.wiring.noisy[n] else t.tables.background[n]
         current += w.injected[n]
         s.pending[trial, slot, n] = 0.0
         fired = step_cell(t.tables.model_of[n], s.packed, trial, n, current)
-        w.fired[n] = fired
         if fired:
             w.earlier[n] = s.last_spike[trial, n]
             s.last_spike[trial, n] = now
-            g = t.tables.group_of[n]
-            count(w.spikes, g)
-            count(s.spike_count, (trial, g))
-            some, senders = True, senders or t.wiring.sends[n]
+            mark(w.fired, base + (n >> WORD), np.uint32(1) << np.uint32(n & REST))
+            count(w.spikes, t.tables.group_of[n])
+            some = True
         if shown:
             raster[row, trial, n] = 1 if fired else 0
-        n += w.lanes
-    return some, senders
+        n += LANES
+    return some
 
 
 def spikes_of(w, g):

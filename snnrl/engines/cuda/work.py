@@ -8,12 +8,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from snnrl.engines.cuda.compiler import WARP
 from snnrl.engines.layout import BOUNDS, NOISE_GROUP, NONE, RULE, SET, SIGNAL, SOURCES_END, WEIGHT_RULE, Tables
 from snnrl.model.network import Network
 
 # columns of Wiring.runs
 BY, HEARS, IN_SET, BY_WEIGHT_RULE, BOUNDS_AT = range(5)
-SLICE = 32  # neurons whose synapses are side by side: a warp's
+WORD, REST = 5, 31  # neurons are numbered in words of 2^WORD, whose bits say which of them have fired
 
 
 class State(NamedTuple):
@@ -35,8 +36,10 @@ class Wiring(NamedTuple):
     """What `Tables` do not say. A trial's synapses are counted from 0, those of a run side by side: their `place`.
 
     A run is what learns alike: by one rule, listening to the same, in one set. Behind the R runs are the synapses that
-    do not learn. Numbers that are stored are unsigned and as small as they can be: an index that cannot be negative
-    is cheaper, and there are many.
+    do not learn. Numbers that are stored are as small as they can be: there are many.
+
+    Spikes are sent in phases, in each of which those of a neuron's sources are added in the order of the neurons.
+    Together that is the reference's order, of the synapses. A network has few phases, the thesis's have one and two.
     """
 
     runs: Any  # int64 [R, 5]
@@ -46,12 +49,9 @@ class Wiring(NamedTuple):
     at: Any  # int32 [B, S], where a place is among all synapses of the network
     pre: Any  # [B, L], of synapses that learn
     post: Any  # [B, L]
-    entering: Any  # int32 [B, N], how many synapses each neuron has
-    slices: Any  # int64 [B, N / SLICE], where the first ones of so many neurons begin in what follows:
-    source: Any  # presynaptic neurons, in the network's order of synapses; the next of a neuron is SLICE further on
-    place: Any
-    delay: Any  # ms
-    sends: Any  # bool [N], whether any synapse leaves it
+    delay: Any  # ms [B, S]
+    row_of: Any  # int64 [phases, N], which of a trial's rows has a neuron's synapses, -1 for none
+    rows: Any  # [B, rows, N], of the synapse onto each neuron, one more than its place; 0 where there is none
     noisy: Any  # bool [N], whether the background is
     noises: Any  # int64 [G + 1], where each group's begin in `noise`
     noise: Any  # int64 [Q], rows of `Tables.noises`, group by group, uniform ones before Gaussian ones and kicks
@@ -61,16 +61,14 @@ class Work(NamedTuple):
     """A block's; the same for all of its threads but for `lane`."""
 
     lane: Any  # which of the threads
-    lanes: Any  # how many
     weight: Any  # real [L], by place
     eligibility: Any  # real [L]
-    partial: Any  # float64 [R * lanes], of sums of weights
+    partial: Any  # float64 [R * warps], of sums of weights
+    fired: Any  # uint32 [2 * words], a bit for each neuron, in this ms and, when that has spikes, in the next
+    spikes: Any  # uint32 [G], of each group in this ms
     injected: Any  # real [N], current from outside in this ms
     held: Any  # real [N], that of it which stays for all ms of a tick
-    fired: Any  # bool [N]
     earlier: Any  # int64 [N], of those that fired, the last spike before this ms
-    spikes: Any  # int64 [G], of each group in this ms
-    over: Any  # bool [K], whether a set is above its limit
     signal: Any  # real [Sg], what synapses listen to
     level: Any  # of the trial's modulators, see `State`
     total: Any
@@ -83,18 +81,14 @@ class Work(NamedTuple):
 
 
 class Scratch(NamedTuple):
-    """Room for what is in `Work`, of all trials, [B, ...]; the first three only if a block has no room for them."""
+    """Room for what is in `Work`, of all trials, [B, ...]; the first two only if a block has no room for them."""
 
     weight: Any
     eligibility: Any
-    partial: Any
-    sizes: Any  # (L, R * lanes)
+    sizes: Any  # (L, R * warps)
     injected: Any
     held: Any
-    fired: Any
     earlier: Any
-    spikes: Any
-    over: Any
     signal: Any
     touched: Any
     seen: Any
@@ -103,68 +97,79 @@ class Scratch(NamedTuple):
 
 
 def wiring_of(network: Network, tables: Tables) -> Wiring:
-    """The wiring of a network."""
+    """The wiring of a network, on its device."""
     table, projections, trials = network.synapses, list(network.projections.values()), network.trials
     learnt = [tuple(row) for row in tables.projections[:, [RULE, SIGNAL, SET]].tolist()]
     runs = list(dict.fromkeys(run for run in learnt if run[0] != NONE))
-    run_of = np.array([runs.index(run) if run in runs else len(runs) for run in learnt], np.int64)
-    sizes = np.array([projection.count.cpu().numpy() for projection in projections], np.int64).reshape(-1, trials)
-    # of each synapse, in the network's order: its trial, its run, and in a stable order of both its place
-    trial = np.repeat(np.tile(np.arange(trials), len(projections)), sizes.ravel())
-    run = np.repeat(np.repeat(run_of, trials), sizes.ravel())
-    counts = np.zeros((trials, len(runs) + 1), np.int64)
-    np.add.at(counts, (trial, run), 1)
-    begins = np.cumsum(counts, 1) - counts
+    row_of, first_row, height = rows_of(network)
+    # of each projection's synapses: their run, and which of the trial's rows is that of its first neuron
+    each = [[runs.index(run) if run in runs else len(runs) for run in learnt], first_row]
+    nothing = torch.zeros(0, dtype=torch.long, device=network.device)
+    sizes = torch.cat([nothing, *(projection.count for projection in projections)])  # projection by projection
+    run, row = (torch.tensor(known, device=network.device).repeat_interleave(trials) for known in each)
+    trial = torch.arange(trials, device=network.device).repeat(len(projections))
+    counts = torch.zeros(trials, len(runs) + 1, dtype=torch.long, device=network.device)
+    counts.index_put_((trial, run), sizes, accumulate=True)
+    begins = counts.cumsum(1) - counts
+    order = (trial * (len(runs) + 1) + run).repeat_interleave(sizes).argsort(stable=True)
+    trial, row = trial.repeat_interleave(sizes), row.repeat_interleave(sizes)
     count = counts.sum(1)
-    order = np.lexsort((run, trial))
-    place = np.empty(len(trial), np.int64)
-    place[order] = np.arange(len(trial)) - np.repeat(np.cumsum(count) - count, count)
-    at = np.zeros((trials, count.max(initial=0)), np.int32)
-    at[trial, place] = np.arange(len(trial))
-    ends = [(end % network.size).cpu().numpy() for end in (table.pre, table.post)]
-    ends_learnt = np.zeros((2, trials, begins[:, -1].max(initial=0)), smallest(network.size))
-    learns = run < len(runs)
-    ends_learnt[:, trial[learns], place[learns]] = [end[learns] for end in ends]
+    place = torch.empty_like(order)
+    place[order] = torch.arange(len(order), device=network.device) - (count.cumsum(0) - count)[trial[order]]
+
+    def by_place(value: Tensor, largest: int) -> Tensor:
+        room = torch.zeros(trials, int(count.max()), dtype=smallest(largest), device=network.device)
+        room[trial, place] = value.to(room.dtype)
+        return room
+
+    pre, post = table.pre % network.size, table.post % network.size
+    rows = torch.zeros(trials, height, network.size, dtype=smallest(int(count.max())), device=network.device)
+    rows[trial, row + pre, post] = (place + 1).to(rows.dtype)
     noisy = tables.noises[:, NOISE_GROUP]
+    most = max(int(begins[:, -1].max()), 1)
     return Wiring(
         runs=np.array([(*run, *tables.rules[run[0], [WEIGHT_RULE, BOUNDS]]) for run in runs], np.int64).reshape(-1, 5),
         decay=tables.fading[[rule for rule, _, _ in runs], 1],
         begins=begins,
         least=tables.least[[rule for rule, _, _ in runs]],
-        at=at,
-        pre=ends_learnt[0],
-        post=ends_learnt[1],
-        **_entering(network, trial, *ends, place, table.delay.cpu().numpy()),
-        sends=np.isin(np.arange(network.size), ends[0]),
+        at=by_place(torch.arange(len(order), device=network.device), len(order)),
+        pre=by_place(pre, network.size)[:, :most].contiguous(),
+        post=by_place(post, network.size)[:, :most].contiguous(),
+        delay=by_place(table.delay, network.slots),
+        row_of=row_of,
+        rows=rows,
         noisy=np.isin(tables.group_of, noisy),
         noises=np.searchsorted(np.sort(noisy), np.arange(len(network.groups) + 1)),
         noise=np.argsort(noisy, kind="stable"),
     )
 
 
-def _entering(network: Network, trial: Any, pre: Any, post: Any, place: Any, delay: Any) -> dict[str, Any]:
-    """The synapses of each neuron, so that those of SLICE neighbours lie side by side."""
-    slices = -(-network.size // SLICE)
-    entering = np.zeros((network.trials, network.size), np.int32)
-    np.add.at(entering, (trial, post), 1)
-    padded = np.zeros((network.trials, slices * SLICE), np.int64)
-    padded[:, : network.size] = entering
-    rows = padded.reshape(-1, SLICE).max(1)
-    begins = (np.cumsum(rows) - rows) * SLICE
-    order = np.lexsort((post, trial))
-    counts = entering.ravel()
-    number = np.arange(len(post)) - np.repeat(np.cumsum(counts) - counts, counts)  # among those of its neuron
-    where = begins[trial[order] * slices + post[order] // SLICE] + number * SLICE + post[order] % SLICE
-    values = {}
-    for name, value in (("source", pre), ("place", place), ("delay", delay)):
-        values[name] = np.zeros(int(rows.sum()) * SLICE, smallest(int(value.max(initial=0)) + 1))
-        values[name][where] = value[order]
-    return {"entering": entering, "slices": begins.reshape(network.trials, slices), **values}
+def rows_of(network: Network) -> tuple[np.ndarray, list[int], int]:
+    """Of each neuron in each phase its row, see `Wiring`; of each projection the row that neuron 0 would have; height.
+
+    A projection begins a new phase where its target has already had, in this one, neurons behind its own or the same.
+    """
+    zeros: list[int] = []
+    phases: list[np.ndarray] = []
+    latest: dict[str, int] = {}  # source of each target in this phase
+    height = 0
+    for projection in network.projections.values():
+        source = network.groups[projection.pre]
+        if not phases or source.start <= latest.get(projection.post, -1):
+            phases.append(np.full(network.size, NONE, np.int64))
+            latest = {}
+        latest[projection.post] = source.start
+        if phases[-1][source.start] == NONE:
+            phases[-1][source.span] = np.arange(height, height + source.size)
+            height += source.size
+        zeros.append(int(phases[-1][source.start]) - source.start)
+    return np.array(phases, np.int64).reshape(-1, network.size), zeros, height
 
 
-def smallest(count: int) -> Any:
-    """The smallest unsigned type that counts so many."""
-    return np.min_scalar_type(max(count - 1, 0))
+def smallest(largest: int) -> torch.dtype:
+    """The smallest type for whole numbers up to a largest one."""
+    fitting = (dtype for dtype in (torch.uint8, torch.int16, torch.int32) if largest <= torch.iinfo(dtype).max)
+    return next(fitting, torch.int64)
 
 
 def scratch_for(
@@ -176,18 +181,14 @@ def scratch_for(
         return torch.zeros(network.trials, size, dtype=dtype, device=network.device)
 
     sizes = sizes_of(wiring, lanes)
-    learnt, sums = (0, 0) if on_chip else sizes
+    learnt = 0 if on_chip else sizes[0]
     return Scratch(
         weight=room(learnt, network.dtype),
         eligibility=room(learnt, network.dtype),
-        partial=room(sums, torch.float64),
         sizes=sizes,
         injected=room(network.size, network.dtype),
         held=room(network.size, network.dtype),
-        fired=room(network.size, torch.bool),
         earlier=room(network.size, torch.int64),
-        spikes=room(len(network.groups), torch.int64),
-        over=room(len(network.homeostasis), torch.bool),
         signal=room(signals, network.dtype),
         touched=room(kinds, torch.int64),
         seen=room(2 * sensors, torch.float64).view(network.trials, sensors, 2),
@@ -198,7 +199,7 @@ def scratch_for(
 
 def sizes_of(wiring: Wiring, lanes: int) -> tuple[int, int]:
     """How many synapses that learn and parts of sums of their weights a trial has."""
-    return wiring.pre.shape[1], len(wiring.runs) * lanes
+    return wiring.pre.shape[1], len(wiring.runs) * lanes // WARP
 
 
 def side_by_side(network: Network, tables: Tables) -> dict[str, Tensor]:

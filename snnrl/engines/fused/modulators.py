@@ -59,23 +59,41 @@ def spikes_of(w, g):
 def step_modulators(t, w, now, found, sign, reward):
     """One ms of every modulator; `sign` and `reward` as in `Modulator.step`, of the trial."""
     for m in range(t.modulators.shape[0]):
-        level = relax(w.level[m], t.modulator_values[m, BASELINE], t.modulator_values[m, DECAY])
-        first, last, delay = t.modulators[m, SOURCES], t.modulators[m, SOURCES_END], t.modulators[m, DELAYED]
-        if last > first:
-            slot = t.modulators[m, RING] + now % delay
-            for k in range(first, last):
-                g = t.sources[k]
-                before = w.rate[k]
-                w.rate[k] = w.released[slot]  # as a real number
-                w.released[slot] = spikes_of(w, g) if found else 0
-                if t.modulators[m, SMOOTHED]:
-                    w.rate[k] = mean_rate(before, w.rate[k], t.modulator_values[m, FADING])
-                slot += delay
-            amount = release(t.modulators[m, RELEASED], w.rate, first, t.further, t.modulators[m, FURTHER])
-            level += sign * amount if t.modulators[m, SIGNED] else amount
-        level += t.modulator_values[m, REWARD] * reward
-        w.level[m] = level
-        w.total[m] += level
+        step_modulator(t, w, m, now, sign, reward)
+        note_spikes(t, w, m, now, found)
+
+
+def step_modulator(t, w, m, now, sign, reward):
+    """The level, by the spikes that arrive in this ms."""
+    level = relax(w.level[m], t.modulator_values[m, BASELINE], t.modulator_values[m, DECAY])
+    first, last = t.modulators[m, SOURCES], t.modulators[m, SOURCES_END]
+    if last > first:
+        slot = ring_slot(t, m, now)
+        for k in range(first, last):
+            before = w.rate[k]
+            w.rate[k] = w.released[slot]  # as a real number
+            if t.modulators[m, SMOOTHED]:
+                w.rate[k] = mean_rate(before, w.rate[k], t.modulator_values[m, FADING])
+            slot += t.modulators[m, DELAYED]
+        amount = release(t.modulators[m, RELEASED], w.rate, first, t.further, t.modulators[m, FURTHER])
+        level += sign * amount if t.modulators[m, SIGNED] else amount
+    level += t.modulator_values[m, REWARD] * reward
+    w.level[m] = level
+    w.total[m] += level
+
+
+def note_spikes(t, w, m, now, found):
+    """This ms's spikes will have arrived once the delay is over; they take the place of those that have."""
+    slot = ring_slot(t, m, now)
+    for k in range(t.modulators[m, SOURCES], t.modulators[m, SOURCES_END]):
+        w.released[slot] = spikes_of(w, t.sources[k]) if found else 0
+        slot += t.modulators[m, DELAYED]
+
+
+def ring_slot(t, m, now):
+    """Where in `released` this ms of a modulator's first source is."""
+    delay = t.modulators[m, DELAYED]
+    return t.modulators[m, RING] + (now % delay if delay > 1 else 0)
 
 
 def signal_of(t, w, signal):
