@@ -19,9 +19,12 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -267,6 +270,39 @@ def best_mode() -> str:
     return "standalone" if shutil.which("g++") and shutil.which("make") else "numpy"
 
 
+def peers_by_name(brian_mode: str) -> dict[str, Callable[[Case], Callable[[], Run]]]:
+    """Ours, and those that are installed."""
+    peers = {
+        "snnrl, fused": ours("fused", torch.float64),
+        "snnrl, fused, float32": ours("fused", torch.float32),
+        "snnrl, reference": ours("reference", torch.float64),
+        "PyTorch, eager, dense": dense,
+    }
+    if find_spec("brian2"):
+        peers[f"Brian2, {brian_mode}"] = brian(brian_mode)
+    if find_spec("ANNarchy"):
+        peers["ANNarchy, OpenMP"] = annarchy
+    if find_spec("nest"):
+        peers["NEST, its own rule"] = nest
+    return peers
+
+
+def apart(trials: int, threads: int, steps: int, slow: Sequence[str], brian_mode: str, repeats: int) -> list[Row]:
+    """All peers but the slow ones on one case, in a process of its own: libraries of several of them crash others'."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        try:
+            return pool.submit(one_case, trials, threads, steps, slow, brian_mode, repeats).result()
+        except BrokenProcessPool:
+            return [Row("all", trials, threads, note="a simulator crashed, and the others with it")]
+
+
+def one_case(trials: int, threads: int, steps: int, slow: Sequence[str], brian_mode: str, repeats: int) -> list[Row]:
+    """The same, in that process."""
+    quick = {name: prepare for name, prepare in peers_by_name(brian_mode).items() if name not in slow}
+    with tempfile.TemporaryDirectory() as folder:
+        return compare(Case(*food_only(trials, steps, *LEARNT), threads, Path(folder)), quick, repeats)
+
+
 def numbers(text: str) -> list[int]:
     return [int(part) for part in text.split(",")]
 
@@ -282,33 +318,18 @@ def main() -> None:
     parser.add_argument("--markdown", type=Path, help="file to write the table to")
     arguments = parser.parse_args()
     steps = max(1, round(1000 * arguments.seconds))
-    peers = {
-        "snnrl, fused": ours("fused", torch.float64),
-        "snnrl, fused, float32": ours("fused", torch.float32),
-        "snnrl, reference": ours("reference", torch.float64),
-        "PyTorch, eager, dense": dense,
-    }
-    if find_spec("brian2"):
-        peers[f"Brian2, {arguments.brian}"] = brian(arguments.brian)
-    if find_spec("ANNarchy"):
-        peers["ANNarchy, OpenMP"] = annarchy
-    if find_spec("nest"):
-        peers["NEST, its own rule"] = nest
     processors = len(os.sched_getaffinity(0))
     rows: list[Row] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for trials in arguments.trials:
-            network, injected = food_only(trials, steps, *LEARNT)
-            for threads in dict.fromkeys(count or processors for count in arguments.threads):
-                seconds = {row.peer: trials * row.pace for row in rows if row.threads == threads and row.walls}
-                slow = [name for name, wall in seconds.items() if wall > arguments.longest]
-                quick = {name: prepare for name, prepare in peers.items() if name not in slow}
-                found = compare(Case(network, injected, threads, Path(folder)), quick, arguments.repeats)
-                found += [Row(name, trials, threads, note=f"would take about {seconds[name]:.0f} s") for name in slow]
-                if not find_spec("brian2"):
-                    found.append(Row("Brian2", trials, threads, note="not installed: `pip install 'snnrl[peers]'`"))
-                print("\n".join(table(found, steps)[2 if rows else 0 :]), flush=True)
-                rows += found
+    for trials in arguments.trials:
+        for threads in dict.fromkeys(count or processors for count in arguments.threads):
+            seconds = {row.peer: trials * row.pace for row in rows if row.threads == threads and row.walls}
+            slow = [name for name, wall in seconds.items() if wall > arguments.longest]
+            found = apart(trials, threads, steps, slow, arguments.brian, arguments.repeats)
+            found += [Row(name, trials, threads, note=f"would take about {seconds[name]:.0f} s") for name in slow]
+            if not find_spec("brian2"):
+                found.append(Row("Brian2", trials, threads, note="not installed: `pip install 'snnrl[peers]'`"))
+            print("\n".join(table(found, steps)[2 if rows else 0 :]), flush=True)
+            rows += found
     if arguments.markdown:
         defaults = {action.dest: action.default for action in parser._actions}
         given = [
