@@ -4,8 +4,9 @@
                                    [--markdown docs/peers.md]
 
 The food-only brain is driven open loop by currents that its own closed loop recorded. Every simulator computes the
-same milliseconds in float64 and keeps all spikes; they take turns, and the median of the repeats is shown. A wall
-time is that of the simulation alone: building the network and compiling are not in it.
+same milliseconds in float64 and keeps all spikes. They take turns, and the quickest is shown: at times libraries of
+another in the same process slow one tenfold. A wall time is that of the simulation alone: building the network and
+compiling are not in it.
 """
 
 from __future__ import annotations
@@ -79,7 +80,7 @@ class Row:
     @property
     def pace(self) -> float:
         """s a trial."""
-        return statistics.median(self.walls) / self.trials
+        return min(self.walls) / self.trials
 
 
 def spikes_of(raster: Tensor) -> np.ndarray:
@@ -206,7 +207,7 @@ def table(rows: Sequence[Row], steps: int) -> list[str]:
         if row.note:
             lines.append(f"{head} {row.note} | | | | | |")
             continue
-        wall = statistics.median(row.walls)
+        wall = min(row.walls)
         ratio = wall / fastest.setdefault((row.trials, row.threads), wall)
         lines.append(
             f"{head} {wall:.3g} ({min(row.walls):.3g} to {max(row.walls):.3g}) | {steps * row.trials / wall:,.0f} | "
@@ -231,7 +232,7 @@ def document(rows: Sequence[Row], steps: int, repeats: int, command: str) -> str
         "",
         f"The food-only brain (160 neurons, about 1360 plastic synapses a trial), {steps} ms a trial, open loop with "
         "the currents that its own closed loop gave it; float64 unless a name says otherwise. All record all spikes. "
-        "A wall time is that of the simulation alone, without building and compiling; it is the median of "
+        "A wall time is that of the simulation alone, without building and compiling; it is the quickest of "
         f"{repeats} turns. Differences are from the first line of the same trials and threads. The dense and the "
         "other simulators' networks get the background noise as a table, ours draw it.",
         "",
