@@ -126,9 +126,15 @@ def real_of(network: Network) -> Any:
     return np.float64 if network.dtype == torch.float64 else np.float32
 
 
-def topology(network: Network, lanes: int) -> Topology:
-    """Where neurons and synapses stand."""
+def topology(network: Network, lanes: int, lists: bool = True) -> Topology:
+    """Where neurons and synapses stand; without `lists` not each synapse, which an engine may not need."""
     places = _places(network, lanes)
+    if not lists:
+        empty = {name: np.zeros(0, np.int32) for name in ("source", "target", "rows", "columns", "incoming")}
+        ends = [[list(network.groups).index(name) for name in (p.pre, p.post)] for p in network.projections.values()]
+        described = np.full((len(ends), 9), NONE, np.int64)
+        described[:, [PRE, POST]] = np.array(ends, np.int64).reshape(-1, 2)
+        return Topology(places, {**empty, "dense": 0}, described, np.zeros(0, real_of(network)))
     settled = np.zeros(network.synapses.plastic, real_of(network))
     return Topology(places, *_synapses(network, places["groups"], lanes), settled)
 

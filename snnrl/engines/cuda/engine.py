@@ -128,7 +128,7 @@ class CudaEngine:
         # new tables where the network was moved or cast, or anything of it exchanged
         if known is None or known.synapses is not network.synapses or known.described != described:
             same = known is not None and known.synapses is network.synapses
-            found = known.topology if known and same else topology(network, 1)
+            found = known.topology if known and same else topology(network, 1, lists=False)
             made, functions = tables(network, found, 1)
             arrays = Described(*(on_device(part, network.device) for part in (made, wiring_of(network, made))))
             known = _Bound(network.synapses, found, described, made, functions, arrays)
