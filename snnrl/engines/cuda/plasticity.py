@@ -71,11 +71,7 @@ def learn_quietly(t, wiring, w, trial, r):
     mine = np.float64(0.0)
     k, end = np.uint32(wiring.begins[trial, r] + w.lane), np.uint32(wiring.begins[trial, r + 1])
     while k < end:
-        eligibility = w.eligibility[k] * decay
-        w.eligibility[k] = eligibility
-        weight = bound(which, w.weight[k], eligibility * signal, t.bounds, at)
-        w.weight[k] = weight
-        mine += np.float64(weight)
+        mine += turn(t, w, k, w.eligibility[k] * decay, signal, which, at)
         k = np.uint32(k + LANES)
     return mine
 
@@ -93,12 +89,17 @@ def learn_pairs(t, wiring, s, w, trial, now, base, r):
         pre_fired, post_fired = has_fired(w, base, pre), has_fired(w, base, post)
         if pre_fired or post_fired:
             eligibility = eligibility + paired(t, s, w, trial, now, rule, pre, post, pre_fired, post_fired)
-        w.eligibility[k] = eligibility
-        weight = bound(which, w.weight[k], eligibility * signal, t.bounds, at)
-        w.weight[k] = weight
-        mine += np.float64(weight)
+        mine += turn(t, w, k, eligibility, signal, which, at)
         k = np.uint32(k + LANES)
     return mine
+
+
+def turn(t, w, k, eligibility, signal, which, at):
+    """Keep a synapse's eligibility and what its weight becomes by it, which is returned."""
+    w.eligibility[k] = eligibility
+    weight = bound(which, w.weight[k], eligibility * signal, t.bounds, at)
+    w.weight[k] = weight
+    return np.float64(weight)
 
 
 def send(t, wiring, s, w, trial, slot, base):
