@@ -120,11 +120,13 @@ def poison() -> None:
 def food_container() -> None:
     """Three ticks in which a container is entered, food is taken from one, and sets are above their limit."""
     run = simulation(*FOOD_CONTAINER, "dtype=float64", "trial_start=10")
-    run.run(make_engine("fused", "cpu", 1), 13)
-    before, weights = run.situation.world.touches.clone(), run.network.synapses.weight.clone()
+    run.run(make_engine("fused", "cpu", 1), 13)  # by which sets have come down to their limits
+    raised = run.network.projections["left_food_to_left_motor"].weight
+    raised += 1.0
+    before, weights = run.situation.world.touches.clone(), raised.clone()
     closed_loop(run, 3)
     assert (run.situation.world.touches - before)[0].tolist() == [1, 0, 1]
-    assert (run.network.synapses.weight < weights).any()
+    assert (raised < weights).all()
 
 
 def free_readings() -> None:
@@ -373,6 +375,31 @@ def test_without_a_gpu_its_speed_is_not_measured() -> None:
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode != 0
     assert done.stderr.splitlines() == ["bench.py: engine=cuda: finds no NVIDIA GPU and its driver on this machine"]
+
+
+def test_spikes_are_sent_in_the_order_of_the_synapses() -> None:
+    """Neuron by neuron in each phase, every synapse once; also where two projections join the same groups."""
+    pytest.importorskip("numba_cuda")
+    from snnrl.engines.cuda.work import wiring_of
+    from snnrl.engines.layout import tables, topology
+
+    groups = [make_group(name, 2) for name in ("a", "b", "c")]
+    weight = torch.ones(1, 2, 2)
+    ends = [("a", "c"), ("b", "c"), ("a", "c"), ("c", "a"), ("b", "a")]
+    networks = [
+        make_network(groups, [make_projection(str(k), *pair, weight) for k, pair in enumerate(ends)]),
+        simulation(*FOOD_CONTAINER).network,
+    ]
+    for network, phases in zip(networks, (3, 2), strict=True):
+        wiring = wiring_of(network, tables(network, topology(network, 1, lists=False), 1)[0])
+        assert len(wiring.row_of) == phases
+        for trial in range(network.trials):
+            synapses = network.synapses
+            for n in range(network.size):
+                own = ((synapses.trial == trial) & (synapses.post == trial * network.size + n)).nonzero()[:, 0]
+                rows = [row for phase in wiring.row_of for row in phase if row >= 0]
+                places = [int(wiring.rows[trial, row, n]) - 1 for row in rows]
+                assert [int(wiring.at[trial, place]) for place in places if place >= 0] == own.tolist()
 
 
 def test_without_numba_cuda_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from snnrl.body.robot import Robot
 from snnrl.engines.cuda.coding import run_robot
-from snnrl.engines.cuda.compiler import SIMULATED, Program, compiling
+from snnrl.engines.cuda.compiler import SIMULATED, WARP, Program, compiling
 from snnrl.engines.cuda.network import Described, run_network
 from snnrl.engines.cuda.neurons import spikes_of, stepping
 from snnrl.engines.cuda.shape import Shape, names_of
@@ -36,8 +36,7 @@ from snnrl.errors import ConfigError
 from snnrl.model.draws import poisson_table_size
 from snnrl.model.network import Network, SynapseTable
 
-LANES = 4 if SIMULATED else 64  # most threads of a block; each of the simulator's is one of Python's
-LEAST = 4 if SIMULATED else 32
+LANES = 3 if SIMULATED else 64  # most threads of a block; each of the simulator's is one of Python's
 ON_CHIP = 48 * 1024  # bytes of shared memory that every block may have
 TICKS = 100  # of a launch at most: the interpreter cannot be interrupted before it ends
 
@@ -211,7 +210,7 @@ def program_of(functions: Functions, real: Any, on_chip: bool, shape: Shape) -> 
 
 def _lanes(network: Network) -> int:
     """Threads of a block: one for each neuron, in whole warps, as far as a block may have so many."""
-    return min(LANES, -(-network.size // LEAST) * LEAST)
+    return min(LANES, -(-network.size // WARP) * WARP)
 
 
 def _state(network: Network, modulators: dict[str, Tensor]) -> State:
