@@ -4,24 +4,28 @@
                                    [--markdown docs/peers.md]
 
 The food-only brain is driven open loop by currents that its own closed loop recorded. Every simulator computes the
-same milliseconds in float64 and keeps all spikes. They take turns, and the quickest is shown: at times libraries of
-another in the same process slow one tenfold. A wall time is that of the simulation alone: building the network and
-compiling are not in it.
+same milliseconds in float64 and keeps all spikes. They take turns, each in a process of its own, where no library of
+another slows or crashes it; the quickest turn is shown. A wall time is that of the simulation alone: building the
+network and compiling are not in it. The first line of a case is no simulator: what our neurons and random numbers cost
+alone (`tools/limit.py`).
 """
 
 from __future__ import annotations
 
 import argparse
+import atexit
 import copy
 import os
 import platform
 import shutil
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import ExitStack
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -31,12 +35,15 @@ from pathlib import Path
 import numpy as np
 import torch
 from dense_peer import DenseNetwork
-from recording import Run, food_only
+from recording import Run, food_only, robots
 from torch import Tensor
 
 from snnrl.engines import make_engine
 from snnrl.files import write
 from snnrl.model.network import Network
+
+sys.path.append(str(Path(__file__).parents[1]))
+from limit import limit_of  # of the tools beside this folder
 
 LEARNT = ("+robot.weights.food_attraction=3", "+robot.weights.food_avoidance=0.5")  # mV; about what it learns
 SHORTEST, MOST = 0.3, 20  # s of wall time; what is faster is run again from the same state, so many times at most
@@ -52,35 +59,26 @@ LEFT_OUT = {
 
 @dataclass
 class Case:
-    """What every simulator is given: a network at ms 0, its input [T, B, N] and how many threads it may use."""
+    """What a simulator is given: a network at ms 0, its input [T, B, N] and how many threads it may use."""
 
     network: Network
     injected: Tensor
     threads: int
     folder: Path
 
-    @property
-    def trial_ms(self) -> int:
-        return len(self.injected) * self.network.trials
-
 
 @dataclass
 class Row:
-    """One line of the table; `note` says why there are no numbers."""
+    """One line of the table; `note` says why there are no numbers, and without `spikes` it is not of a simulator."""
 
     peer: str
     trials: int
     threads: int
     walls: Sequence[float] = ()
-    spikes: int = 0
+    spikes: int | None = None
     mismatches: int = 0
     deviation: float = 0.0
     note: str = ""
-
-    @property
-    def pace(self) -> float:
-        """s a trial."""
-        return min(self.walls) / self.trials
 
 
 def spikes_of(raster: Tensor) -> np.ndarray:
@@ -153,8 +151,38 @@ def nest(case: Case) -> Callable[[], Run]:
     return nest_peer.kernel(case.network, case.injected, case.threads)
 
 
-def longer(run: Callable[[], Run]) -> Run:
+class Worker:
+    """A simulator in a process of its own, made ready; raises BrokenProcessPool where that has crashed."""
+
+    def __init__(self, name: str, trials: int, threads: int, steps: int, brian_mode: str) -> None:
+        self._pool = ProcessPoolExecutor(
+            1, get_context("spawn"), make_ready, (name, trials, threads, steps, brian_mode)
+        )
+
+    def turn(self) -> Run:
+        return self._pool.submit(turn).result()
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown()
+
+
+ready: list[Callable[[], Run]] = []  # in that process: its simulator
+
+
+def make_ready(name: str, trials: int, threads: int, steps: int, brian_mode: str) -> None:
+    torch.set_num_threads(threads)
+    network, injected = food_only(trials, steps, *LEARNT)
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    ready.append(peers_by_name(brian_mode)[name](Case(network, injected, threads, folder / "built")))
+
+
+def turn() -> Run:
     """One run, or the mean of as many as it takes to be timed well; then the first, which warms up, does not count."""
+    (run,) = ready
     first = run()
     if first.wall > LONG:
         return first
@@ -164,34 +192,36 @@ def longer(run: Callable[[], Run]) -> Run:
     return Run(statistics.fmean(walls), first.spikes, first.weight)
 
 
-def compare(case: Case, peers: dict[str, Callable[[Case], Callable[[], Run]]], repeats: int) -> list[Row]:
-    """All peers on one case, taking turns; deviations are from the first."""
-    torch.set_num_threads(case.threads)
-    runs = {}
-    for k, (name, prepare) in enumerate(peers.items()):
-        runs[name] = prepare(
-            Case(case.network, case.injected, case.threads, case.folder / f"{k}_{case.network.trials}_{case.threads}")
-        )
-    done: dict[str, list[Run]] = {name: [] for name in runs}
-    for _ in range(repeats):
-        for name, run in runs.items():
-            done[name].append(longer(run))
+def compare(trials: int, threads: int, steps: int, names: Sequence[str], brian_mode: str, repeats: int) -> list[Row]:
+    """Simulators of these names on one case, taking turns; deviations are from the first."""
+    done: dict[str, list[Run]] = {name: [] for name in names}
+    crashed = set()
+    with ExitStack() as stack:
+        workers = {name: stack.enter_context(Worker(name, trials, threads, steps, brian_mode)) for name in names}
+        for _ in range(repeats):
+            for name, worker in workers.items():
+                try:
+                    done[name].append(worker.turn())
+                except BrokenProcessPool:
+                    crashed.add(name)
+    return [limit(trials, threads, steps)] + [
+        Row(name, trials, threads, note="crashed") if name in crashed else row_of(name, trials, threads, runs, done)
+        for name, runs in done.items()
+    ]
+
+
+def row_of(name: str, trials: int, threads: int, runs: Sequence[Run], done: dict[str, list[Run]]) -> Row:
+    """A simulator's runs, and how the first of them differs from that of the first simulator."""
     expected = next(iter(done.values()))[0]
-    rows = []
-    for name, results in done.items():
-        ours, theirs = ({tuple(spike) for spike in spikes.tolist()} for spikes in (expected.spikes, results[0].spikes))
-        rows.append(
-            Row(
-                name,
-                case.network.trials,
-                case.threads,
-                [result.wall for result in results],
-                len(theirs),
-                len(ours ^ theirs),
-                float(np.abs(results[0].weight - expected.weight).max()),
-            )
-        )
-    return rows
+    ours, theirs = ({tuple(spike) for spike in run.spikes.tolist()} for run in (expected, runs[0]))
+    deviation = float(np.abs(runs[0].weight - expected.weight).max())
+    return Row(name, trials, threads, [run.wall for run in runs], len(theirs), len(ours ^ theirs), deviation)
+
+
+def limit(trials: int, threads: int, steps: int) -> Row:
+    """What our neurons and draws cost alone, on as many processors as trials can be on."""
+    found = limit_of(robots(1, *LEARNT), threads=min(trials, threads))["trial_ms_per_s"]
+    return Row("neurons and draws alone", trials, threads, [steps * trials / found])
 
 
 def table(rows: Sequence[Row], steps: int) -> list[str]:
@@ -201,18 +231,20 @@ def table(rows: Sequence[Row], steps: int) -> list[str]:
         "differ | largest difference of a weight, mV |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    fastest: dict[tuple[int, int], float] = {}
+    ours: dict[tuple[int, int], float] = {}
+    for row in rows:
+        if row.spikes is not None and row.walls:
+            ours.setdefault((row.trials, row.threads), min(row.walls))
     for row in rows:
         head = f"| {row.trials} | {row.threads} | {row.peer} |"
         if row.note:
             lines.append(f"{head} {row.note} | | | | | |")
             continue
         wall = min(row.walls)
-        ratio = wall / fastest.setdefault((row.trials, row.threads), wall)
-        lines.append(
-            f"{head} {wall:.3g} ({min(row.walls):.3g} to {max(row.walls):.3g}) | {steps * row.trials / wall:,.0f} | "
-            f"{ratio:.3g} | {row.spikes} | {row.mismatches} | {row.deviation:.1e} |"
-        )
+        head += f" {wall:.3g} ({wall:.3g} to {max(row.walls):.3g}) | {steps * row.trials / wall:,.0f} |"
+        head += f" {wall / ours[row.trials, row.threads]:.3g} |"
+        found = f"{row.spikes} | {row.mismatches} | {row.deviation:.1e}" if row.spikes is not None else "| |"
+        lines.append(f"{head} {found} |")
     return lines
 
 
@@ -233,11 +265,13 @@ def document(rows: Sequence[Row], steps: int, repeats: int, command: str) -> str
         f"The food-only brain (160 neurons, about 1360 plastic synapses a trial), {steps} ms a trial, open loop with "
         "the currents that its own closed loop gave it; float64 unless a name says otherwise. All record all spikes. "
         "A wall time is that of the simulation alone, without building and compiling; it is the quickest of "
-        f"{repeats} turns. Differences are from the first line of the same trials and threads. The dense and the "
+        f"{repeats} turns. Differences are from the first simulator of the same trials and threads. The dense and the "
         "other simulators' networks get the background noise as a table, ours draw it.",
         "",
         *table(rows, steps),
         "",
+        "- *Neurons and draws alone* is what `tools/limit.py` measures: our neurons, in vectors, and their random "
+        "numbers, without a spike, a synapse or a world. It bounds what a ratio can be on this machine.",
         "- *snnrl, reference* is plain eager PyTorch over flat lists of synapses, batched over trials: the "
         "specification that the fused engine is tested against.",
         "- *PyTorch, eager, dense* (`tools/peers/dense_peer.py`) is what one would write first: matrices of all "
@@ -291,22 +325,6 @@ def peers_by_name(brian_mode: str) -> dict[str, Callable[[Case], Callable[[], Ru
     return peers
 
 
-def apart(trials: int, threads: int, steps: int, slow: Sequence[str], brian_mode: str, repeats: int) -> list[Row]:
-    """All peers but the slow ones on one case, in a process of its own: libraries of several of them crash others'."""
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        try:
-            return pool.submit(one_case, trials, threads, steps, slow, brian_mode, repeats).result()
-        except BrokenProcessPool:
-            return [Row("all", trials, threads, note="a simulator crashed, and the others with it")]
-
-
-def one_case(trials: int, threads: int, steps: int, slow: Sequence[str], brian_mode: str, repeats: int) -> list[Row]:
-    """The same, in that process."""
-    quick = {name: prepare for name, prepare in peers_by_name(brian_mode).items() if name not in slow}
-    with tempfile.TemporaryDirectory() as folder:
-        return compare(Case(*food_only(trials, steps, *LEARNT), threads, Path(folder)), quick, repeats)
-
-
 def numbers(text: str) -> list[int]:
     return [int(part) for part in text.split(",")]
 
@@ -323,12 +341,16 @@ def main() -> None:
     arguments = parser.parse_args()
     steps = max(1, round(1000 * arguments.seconds))
     processors = len(os.sched_getaffinity(0))
+    names = list(peers_by_name(arguments.brian))
     rows: list[Row] = []
     for trials in arguments.trials:
         for threads in dict.fromkeys(count or processors for count in arguments.threads):
-            seconds = {row.peer: trials * row.pace for row in rows if row.threads == threads and row.walls}
-            slow = [name for name, wall in seconds.items() if wall > arguments.longest]
-            found = apart(trials, threads, steps, slow, arguments.brian, arguments.repeats)
+            seconds = {
+                row.peer: trials * min(row.walls) / row.trials for row in rows if row.threads == threads and row.walls
+            }
+            slow = [name for name in names if seconds.get(name, 0.0) > arguments.longest]
+            quick = [name for name in names if name not in slow]
+            found = compare(trials, threads, steps, quick, arguments.brian, arguments.repeats)
             found += [Row(name, trials, threads, note=f"would take about {seconds[name]:.0f} s") for name in slow]
             if not find_spec("brian2"):
                 found.append(Row("Brian2", trials, threads, note="not installed: `pip install 'snnrl[peers]'`"))

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import nest
 import numpy as np
@@ -25,10 +23,9 @@ LATE = 2  # ms until the first current reaches a neuron
 def kernel(network: Network, injected: Tensor, threads: int) -> Callable[[], Run]:
     """The network in its present state (at ms 0), driven by `injected` [T, B, N]; each call builds and runs it.
 
-    It has a process of its own: NEST has crashed where the number of its threads was raised after a run.
+    A process has one number of threads: NEST has crashed where it was raised after a run.
     """
-    process = ProcessPoolExecutor(1, get_context("spawn"))
-    return lambda: process.submit(simulate, network, injected, threads).result()
+    return lambda: simulate(network, injected, threads)
 
 
 def simulate(network: Network, injected: Tensor, threads: int) -> Run:

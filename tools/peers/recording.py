@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,12 +14,17 @@ from snnrl.configuration.builder import build
 from snnrl.configuration.compose import compose
 from snnrl.engines import make_engine
 from snnrl.model.network import Network
+from snnrl.simulation import Simulation
+
+
+def robots(trials: int, *options: str) -> Simulation[Any]:
+    """In float64, at the start."""
+    return build(compose("+experiment=food_attraction", f"trials={trials}", "dtype=float64", "threads=1", *options))
 
 
 def food_only(trials: int, steps: int, *options: str) -> tuple[Network, Tensor]:
     """The robots' networks at the start, float64, and their currents [steps, trials, N]."""
-    chosen = ["+experiment=food_attraction", f"trials={trials}", "dtype=float64", "threads=1", *options]
-    simulation = build(compose(*chosen))
+    simulation = robots(trials, *options)
     network, engine = simulation.network, make_engine("fused", "cpu", 1)
     start, currents = copy.deepcopy(network), []
     while int(network.time) < steps:
