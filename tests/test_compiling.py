@@ -41,6 +41,15 @@ def both(value: float) -> float:
     return doubled(value) + bounded(value)
 
 
+@compiler.rare
+def halved(value: float) -> float:
+    return bounded(value) / 2.0
+
+
+def apart(value: float) -> float:
+    return halved(value) + 10.0
+
+
 def from_above(value: float) -> float:
     return min(value, 1.0)
 
@@ -72,6 +81,31 @@ def test_programs_share_the_parts_that_are_the_same_in_both(tmp_path: Path, monk
     assert first["doubled"] is second["doubled"]
     assert first["both"] is not second["both"]
     assert third["doubled"] is not first["doubled"]
+
+
+EACH = """
+import sys
+import numpy as np
+from test_compiling import Program, apart, from_above, from_below
+
+for rule in sys.argv[1:]:
+    kernel = Program(np.float64, {"bounded": {"above": from_above, "below": from_below}[rule]}).kernel(apart)
+    print(kernel(3.0), kernel(0.5))
+"""
+
+
+def test_kernels_that_other_processes_compiled_do_not_take_each_others_parts(tmp_path: Path) -> None:
+    """Each was the first that its process compiled, so that parts which are not the same are called the same."""
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": str(Path(__file__).parent)}
+    said = []
+    for rules in (["above"], ["below"], ["above", "below"], ["below", "above"]):
+        command = [sys.executable, "-c", EACH, *rules]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout.splitlines())
+    above, below = "10.5 10.25", "11.5 10.5"
+    assert said == [[above], [below], [above, below], [below, above]]
+    assert len(list(tmp_path.rglob("*.nbc"))) == 2
 
 
 @pytest.mark.parametrize("options", [ROBOT, TASK], ids=["robot", "task"])

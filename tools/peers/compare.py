@@ -351,7 +351,9 @@ def main() -> None:
             slow = [name for name in names if seconds.get(name, 0.0) > arguments.longest]
             quick = [name for name in names if name not in slow]
             found = compare(trials, threads, steps, quick, arguments.brian, arguments.repeats)
-            found += [Row(name, trials, threads, note=f"would take about {seconds[name]:.0f} s") for name in slow]
+            for name in slow:
+                note = f"left out: at the pace of fewer trials {seconds[name]:.0f} s a turn"
+                found.append(Row(name, trials, threads, note=note))
             if not find_spec("brian2"):
                 found.append(Row("Brian2", trials, threads, note="not installed: `pip install 'snnrl[peers]'`"))
             print("\n".join(table(found, steps)[2 if rows else 0 :]), flush=True)

@@ -28,6 +28,7 @@ import llvmlite
 import numba
 import numpy as np
 import torch
+from llvmlite.binding import Linkage
 from numba import njit, types
 from numba._dynfunc import make_function
 from numba.core import config as numba_config
@@ -84,16 +85,48 @@ class _PartLowering(NativeLowering):
         return True
 
 
-class _PartCompiler(CompilerBase):
-    def define_pipelines(self) -> list[Any]:
-        passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-        passes.passes = [(_PartLowering if kind is NativeLowering else kind, name) for kind, name in passes.passes]
-        passes.finalize()
-        return [passes]
+@register_pass(mutates_CFG=True, analysis_only=False)
+class _KernelLowering(NativeLowering):
+    """Keeps a kernel's parts to itself.
+
+    A part's symbol says what it is called and how many functions its process had compiled before. Of two kernels from
+    two processes, read from the disk into a third, parts that are not the same may have one symbol, and where it can be
+    seen outside of a kernel the linker takes one of them for both.
+    """
+
+    _name = "snnrl_kernel_lowering"
+
+    def run_pass(self, state: Any) -> bool:
+        library = state.library = state.targetctx.codegen().create_library(state.func_id.func_qualname)
+        library.enable_object_caching()
+        optimise = library._optimize_final_module
+
+        def hide_and_optimise() -> None:
+            for function in library._final_module.functions:
+                if not function.is_declaration and function.linkage == Linkage.linkonce_odr:
+                    function.linkage = Linkage.internal
+            optimise()
+
+        library._optimize_final_module = hide_and_optimise
+        return super().run_pass(state)
+
+
+def _lowered_by(lowering: type[NativeLowering]) -> type[CompilerBase]:
+    """numba's compiler with a lowering of our own."""
+
+    class Compiler(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            passes.passes = [(lowering if kind is NativeLowering else kind, name) for kind, name in passes.passes]
+            passes.finalize()
+            return [passes]
+
+    return Compiler
 
 
 OPTIONS: Any = {"error_model": "numpy", "_nrt": False}
-PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _PartCompiler}
+PART = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _lowered_by(_PartLowering)}
+KERNEL: Any = {"nogil": True, "no_cfunc_wrapper": True, "pipeline_class": _lowered_by(_KernelLowering)}
 
 
 def placeholder(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -189,12 +222,12 @@ class Program:
 
         What it is given as a named tuple, it and all that it calls see by reference.
         """
-        names = inspect.signature(function).parameters
+        names, key = inspect.signature(function).parameters, f"{self._digest(function, set())}_{self.real.__name__}"
         body = f"    return kernel({', '.join(f'refer({name})' for name in names)})"
         scope = {"kernel": self._compile(function, self.real, PART), "refer": refer}
-        options: Any = {**OPTIONS, "nogil": True, "no_cfunc_wrapper": True}
-        compiled = njit(**options)(spelled(function.__name__, ", ".join(names), body, scope))
-        compiled._cache = _Kept(function, f"{self._digest(function, set())} {self.real.__name__}")
+        # what is seen of a kernel outside of it has a name that no other kernel has
+        compiled = njit(**OPTIONS, **KERNEL)(spelled(f"{function.__name__}_{key}", ", ".join(names), body, scope))
+        compiled._cache = _Kept(function, key)
         return compiled
 
     def _compile(self, function: Callable[..., Any], real: Any, options: Mapping[str, Any]) -> Any:
