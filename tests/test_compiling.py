@@ -72,15 +72,17 @@ def refuse() -> None:
 def test_programs_share_the_parts_that_are_the_same_in_both(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(compiler, "_PARTS", {})
-    made = []
+    made, names = [], set()
     for real, rule in ((np.float64, from_above), (np.float64, from_below), (np.float32, from_above)):
         kernel = Program(real, {"bounded": rule}).kernel(both)
         made.append(({code.co_name: part for (code, *_), part in compiler._PARTS.items()}, kernel(3.0), kernel(0.5)))
+        names.add(kernel.__name__)
     (first, *capped), (second, *floored), (third, *_) = made
     assert (capped, floored) == ([7.0, 1.5], [9.0, 2.0])
     assert first["doubled"] is second["doubled"]
     assert first["both"] is not second["both"]
     assert third["doubled"] is not first["doubled"]
+    assert len(names) == 3  # by which a linker tells kernels apart
 
 
 EACH = """

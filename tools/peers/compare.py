@@ -13,7 +13,6 @@ alone (`tools/limit.py`).
 from __future__ import annotations
 
 import argparse
-import atexit
 import copy
 import os
 import platform
@@ -151,33 +150,12 @@ def nest(case: Case) -> Callable[[], Run]:
     return nest_peer.kernel(case.network, case.injected, case.threads)
 
 
-class Worker:
-    """A simulator in a process of its own, made ready; raises BrokenProcessPool where that has crashed."""
-
-    def __init__(self, name: str, trials: int, threads: int, steps: int, brian_mode: str) -> None:
-        self._pool = ProcessPoolExecutor(
-            1, get_context("spawn"), make_ready, (name, trials, threads, steps, brian_mode)
-        )
-
-    def turn(self) -> Run:
-        return self._pool.submit(turn).result()
-
-    def __enter__(self) -> Worker:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._pool.shutdown()
-
-
 ready: list[Callable[[], Run]] = []  # in that process: its simulator
 
 
-def make_ready(name: str, trials: int, threads: int, steps: int, brian_mode: str) -> None:
+def make_ready(name: str, trials: int, threads: int, steps: int, brian_mode: str, folder: Path) -> None:
     torch.set_num_threads(threads)
-    network, injected = food_only(trials, steps, *LEARNT)
-    folder = Path(tempfile.mkdtemp())
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    ready.append(peers_by_name(brian_mode)[name](Case(network, injected, threads, folder / "built")))
+    ready.append(peers_by_name(brian_mode)[name](Case(*food_only(trials, steps, *LEARNT), threads, folder)))
 
 
 def turn() -> Run:
@@ -193,26 +171,32 @@ def turn() -> Run:
 
 
 def compare(trials: int, threads: int, steps: int, names: Sequence[str], brian_mode: str, repeats: int) -> list[Row]:
-    """Simulators of these names on one case, taking turns; deviations are from the first."""
+    """Simulators of these names on one case, each in a process of its own, taking turns; the first is ours."""
     done: dict[str, list[Run]] = {name: [] for name in names}
     crashed = set()
-    with ExitStack() as stack:
-        workers = {name: stack.enter_context(Worker(name, trials, threads, steps, brian_mode)) for name in names}
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        given = trials, threads, steps, brian_mode
+        processes = {
+            name: stack.enter_context(
+                ProcessPoolExecutor(1, get_context("spawn"), make_ready, (name, *given, Path(folder, str(k))))
+            )
+            for k, name in enumerate(names)
+        }
         for _ in range(repeats):
-            for name, worker in workers.items():
+            for name, process in processes.items():
                 try:
-                    done[name].append(worker.turn())
+                    done[name].append(process.submit(turn).result())
                 except BrokenProcessPool:
                     crashed.add(name)
+    expected = done[names[0]][0]
     return [limit(trials, threads, steps)] + [
-        Row(name, trials, threads, note="crashed") if name in crashed else row_of(name, trials, threads, runs, done)
+        Row(name, trials, threads, note="crashed") if name in crashed else row_of(name, trials, threads, runs, expected)
         for name, runs in done.items()
     ]
 
 
-def row_of(name: str, trials: int, threads: int, runs: Sequence[Run], done: dict[str, list[Run]]) -> Row:
-    """A simulator's runs, and how the first of them differs from that of the first simulator."""
-    expected = next(iter(done.values()))[0]
+def row_of(name: str, trials: int, threads: int, runs: Sequence[Run], expected: Run) -> Row:
+    """A simulator's runs, and how the first of them differs from what is expected."""
     ours, theirs = ({tuple(spike) for spike in run.spikes.tolist()} for run in (expected, runs[0]))
     deviation = float(np.abs(runs[0].weight - expected.weight).max())
     return Row(name, trials, threads, [run.wall for run in runs], len(theirs), len(ours ^ theirs), deviation)
