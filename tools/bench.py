@@ -1,6 +1,6 @@
 """Speed of the closed loop, world included, after compilation: one JSON line a case.
 
-    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 20] [--warm-up 200] [--recorded 5000]
+    python tools/bench.py [--trials 50] [--threads 0] [--repeats 5] [--seconds 100] [--warm-up 200] [--recorded 5000]
                           [--steps 5000]
     python tools/bench.py --device cuda --trials 50 1000
 
@@ -125,7 +125,7 @@ def main() -> None:
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--threads", type=int, default=0)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seconds", type=float, default=100.0)
     parser.add_argument("--warm-up", type=float, default=200.0)
     parser.add_argument("--recorded", type=float, default=5000.0)
     parser.add_argument("--steps", type=int, default=5000)

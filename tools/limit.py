@@ -1,10 +1,11 @@
 """What the neurons and the random numbers of a brain cost alone on this machine: the limit of any engine on it.
 
-    python tools/limit.py [--seconds 20] [--repeats 7] [--threads 1]
+    python tools/limit.py [--seconds 1000] [--repeats 7] [--threads 1]
 
 All neurons of one trial are updated in every ms, LANES at a time, and what a tick draws is drawn; no spike is looked
 at, nothing is sent or learnt, and there is no world. The brains of the thesis, in the network's precision. Prints one
-JSON line a brain: ns a trial-millisecond on each of the threads, and trial-milliseconds a second of all of them.
+JSON line a brain: ns a trial-millisecond on each of the threads, and trial-milliseconds a second of all of them. A round
+takes a tenth of a second: in one of a few milliseconds the threads' start would make the limit seem a fifth lower.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from snnrl.engines.fused.vectors import LANES, load, mask_bits
 from snnrl.engines.layout import PLACE, SIZE
 from snnrl.simulation import Simulation
 
+SECONDS = 1000.0  # simulated, a round: about 0.1 s
 BRAINS = {"food_only": "food_attraction", "food_container": "dual_learning"}
 
 
@@ -63,7 +65,7 @@ def together(work: Sequence[Callable[[], Any]], pool: ThreadPoolExecutor, repeat
 
 
 def limit_of(
-    simulation: Simulation[Any], seconds: float = 10.0, repeats: int = 3, threads: int = 1
+    simulation: Simulation[Any], seconds: float = SECONDS, repeats: int = 3, threads: int = 1
 ) -> dict[str, float]:
     """ns a trial-ms of the neurons and of the draws on each of so many processors, and trial-ms/s of all of them."""
     network, coding, engine = simulation.network, simulation.situation.coding, FusedEngine(1)
@@ -99,7 +101,7 @@ def limits(seconds: float, repeats: int, threads: int) -> dict[str, dict[str, fl
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seconds", type=float, default=20.0, help="simulated, a measurement")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="simulated, a measurement")
     parser.add_argument("--repeats", type=int, default=7)
     parser.add_argument("--threads", type=int, default=1, help="that do this at once, each a trial of its own")
     arguments = parser.parse_args()

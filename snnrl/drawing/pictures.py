@@ -75,7 +75,10 @@ def spans(network: Network) -> dict[str, slice]:
 
 @styled
 def weight_matrix(network: Network, projections: Sequence[Projection]) -> Figure | None:
-    """Weights (mV) of some projections in the first trial, side by side; None where there is nothing to show."""
+    """Weights (mV) of some projections in the first trial, side by side; None where there is nothing to show.
+
+    What is learnt is black where it is as large as it may be, so that pictures of one run can be compared.
+    """
     pre, post = (
         {
             name: group.size
@@ -95,7 +98,8 @@ def weight_matrix(network: Network, projections: Sequence[Projection]) -> Figure
         column = first_pre[projection.pre] + projection.pre_index[:n].cpu().numpy()
         matrix[row, column] = projection.weight[:n].float().cpu().numpy()
     drawn, axis = figure(width=8.0, height=float(np.clip(1.6 + 6.0 * tall / wide, 3.2, 8.0)))
-    charts.weight_matrix(axis, matrix, pre, post)
+    largest = [float(np.nanmax(matrix, initial=0.0)), *(p.rule.weight_max for p in projections if p.rule)]
+    charts.weight_matrix(axis, matrix, pre, post, max(largest))
     return drawn
 
 
