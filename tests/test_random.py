@@ -9,7 +9,8 @@ from helpers import compiled
 from scipy import stats
 
 from snnrl.engines.fused.draws import add_gaussian, add_kicks, bits, fill_counts, fill_noise, uniform
-from snnrl.engines.fused.poisson import poisson_table
+from snnrl.engines.fused.poisson import look_up, poisson_table
+from snnrl.engines.fused.vectors import DRAWN, load_drawn, store
 from snnrl.model.draws import (
     BELL_DRAWS,
     BELL_MIDDLE,
@@ -151,13 +152,14 @@ def test_bell_is_as_near_to_the_normal_distribution_as_twelve_bytes_are() -> Non
 
 @pytest.mark.parametrize("time", [0, 1, 2, 3, 7, 70_001])
 @pytest.mark.parametrize(("size", "steps"), [(1, 1), (5, 2), (8, 3), (20, 70), (3, 101)])
-def test_rows_of_counts_equal_the_reference(size: int, steps: int, time: int) -> None:
-    thresholds, stride, at = poisson_thresholds(2.35), 41, 3
+@pytest.mark.parametrize("mean", [0.01, 2.35, 12.0])
+def test_rows_of_counts_equal_the_reference(size: int, steps: int, time: int, mean: float) -> None:
+    thresholds, stride, at, gain = poisson_thresholds(mean), 41, 3, np.float32(1.7)
     out = np.full(at + steps * stride + 16, -1.0, np.float32)
-    compiled(fill_counts, np.float32)(out, at, stride, size, 7, 99, 4, time, steps, thresholds.numpy())
+    compiled(fill_counts, np.float32)(out, at, stride, size, 7, 99, 4, time, steps, thresholds.numpy(), gain)
     found = out[at : at + steps * stride].reshape(steps, stride)
     bits = Draws(7, torch.tensor([4])).bits(99, time + torch.arange(steps), size)[:, 0]
-    assert np.array_equal(found[:, :size], poisson(bits, thresholds).numpy())
+    assert np.array_equal(found[:, :size], gain * poisson(bits, thresholds).numpy().astype(np.float32))
     assert (found[:, size:] == -1.0).all()
     assert (out[:at] == -1.0).all()
 
@@ -259,9 +261,15 @@ def test_poisson_of_mean_zero_is_zero() -> None:
 def test_compiled_table_counts_as_the_reference(mean: float) -> None:
     bits = Draws(6, torch.arange(1)).bits(stream("p"), torch.arange(200), 20).view(1, -1)
     extremes = torch.tensor([[0, 1, 2**BITS - 2, 2**BITS - 1]])
-    bits = torch.cat([bits, extremes], 1)
+    bits = torch.cat([bits, extremes, extremes], 1)
     expected = poisson_of_means(bits, torch.tensor([mean], dtype=torch.float64), 30.0)[0]
-    table = np.zeros(poisson_table_size(30.0))
+    table, counts = np.zeros(1 << poisson_table_size(30.0).bit_length()), np.zeros(bits.shape[1], np.int64)
     compiled(poisson_table)(mean, table)
-    counts = np.searchsorted(table, bits[0].numpy() / 2**BITS, side="right")
+    compiled(look_up_all)(table, bits[0].numpy(), counts)
     assert np.array_equal(counts, expected.numpy())
+    assert np.array_equal(counts, np.searchsorted(table, bits[0].numpy() / 2**BITS, side="right"))
+
+
+def look_up_all(table, drawn, counts):  # type: ignore[no-untyped-def]
+    for index in range(0, len(drawn), DRAWN):
+        store(counts, index, look_up(table, load_drawn(drawn, index)))  # type: ignore[call-arg]

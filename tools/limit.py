@@ -4,8 +4,8 @@
 
 All neurons of one trial are updated in every ms, LANES at a time, and what a tick draws is drawn; no spike is looked
 at, nothing is sent or learnt, and there is no world. The brains of the thesis, in the network's precision. Prints one
-JSON line a brain: ns a trial-millisecond on each of the threads, and trial-milliseconds a second of all of them. A round
-takes a tenth of a second: in one of a few milliseconds the threads' start would make the limit seem a fifth lower.
+JSON line a brain: ns a trial-millisecond on each of the threads, and trial-milliseconds a second of all of them. A
+round takes a tenth of a second: in one of milliseconds, the threads' start would make the limit seem a fifth lower.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ def update_alone(t, w, ms):  # type: ignore[no-untyped-def]
     return found
 
 
-def draw_alone(t, w, group, thresholds, tick, ticks):  # type: ignore[no-untyped-def]
+def draw_alone(t, w, group, thresholds, gain, tick, ticks):  # type: ignore[no-untyped-def]
     """What so many ticks draw: the background noise, and the exploration of one motor group."""
     size, place = t.groups[group, SIZE], t.groups[group, PLACE]
     for k in range(ticks):
         draw_noise(t, w, 0, k * tick, tick)
-        fill_counts(w.injected, place, t.places, size, t.seed, 1, 0, k * tick, tick, thresholds)
+        fill_counts(w.injected, place, t.places, size, t.seed, 1, 0, k * tick, tick, thresholds, gain)
 
 
 def together(work: Sequence[Callable[[], Any]], pool: ThreadPoolExecutor, repeats: int) -> float:
@@ -70,7 +70,8 @@ def limit_of(
     """ns a trial-ms of the neurons and of the draws on each of so many processors, and trial-ms/s of all of them."""
     network, coding, engine = simulation.network, simulation.situation.coding, FusedEngine(1)
     bound = engine.bind(network)
-    program = Program(network.pending.numpy().dtype.type, stepping(bound.functions))
+    real = network.pending.numpy().dtype.type
+    program = Program(real, stepping(bound.functions))
     update, draw = program.kernel(update_alone), program.kernel(draw_alone)
     thresholds, ticks = coding.exploration_thresholds.numpy(), round(1000 * seconds / coding.tick)
     motor, ms = coding.motor_groups[0], ticks * coding.tick
@@ -81,7 +82,9 @@ def limit_of(
     with ThreadPoolExecutor(threads) as pool:
         parts = {
             "neurons": [partial(update, bound.tables, one, ms) for one in works],
-            "draws": [partial(draw, bound.tables, one, motor, thresholds, coding.tick, ticks) for one in works],
+            "draws": [
+                partial(draw, bound.tables, one, motor, thresholds, real(1.0), coding.tick, ticks) for one in works
+            ],
         }
         for one in parts.values():
             one[0]()  # compiled

@@ -10,10 +10,10 @@ from torch import Tensor
 
 from snnrl.body.coding import Coding, lead_of, share_of, wheel_speeds
 from snnrl.body.world import World
-from snnrl.engines.fused.draws import UNIT, fill_bits, fill_counts, uniform
+from snnrl.engines.fused.draws import fill_bits, fill_counts, replace, uniform
 from snnrl.engines.fused.network import load_trial, run_block, store_trial
 from snnrl.engines.fused.poisson import look_up, poisson_table
-from snnrl.engines.fused.vectors import LANES, load, store
+from snnrl.engines.fused.vectors import DRAWN, LANES, as_real, counting, load, load_drawn, store
 from snnrl.engines.fused.world import sense, step_world
 from snnrl.engines.layout import PLACE, SIZE, real_of
 from snnrl.model.draws import stream
@@ -113,13 +113,9 @@ def clear(t, w, ticks, first, last):
 
 def explore(t, w, coding, number, group, stream, time):
     """The exploring motor's current in every ms of the tick."""
-    size, place, gain = t.groups[group, SIZE], t.groups[group, PLACE], coding.exploration_gain
-    drawn, thresholds = 1 if coding.held else coding.tick, coding.exploration_thresholds
-    fill_counts(w.injected, place, t.places, size, t.seed, stream, number, time, drawn, thresholds)
-    if gain != 1.0:
-        for k in range(drawn):
-            for i in range(k * t.places + place, k * t.places + place + size):
-                w.injected[i] *= gain
+    size, place, drawn = t.groups[group, SIZE], t.groups[group, PLACE], 1 if coding.held else coding.tick
+    thresholds, gain = coding.exploration_thresholds, coding.exploration_gain
+    fill_counts(w.injected, place, t.places, size, t.seed, stream, number, time, drawn, thresholds, gain)
     for k in range(drawn, coding.tick):
         for i in range(place, place + size):
             w.injected[k * t.places + i] = w.injected[i]
@@ -130,8 +126,10 @@ def answer(t, w, coding, number, group, stream, time, value, table):
     mean, size, place = coding.range_mean * value, t.groups[group, SIZE], t.groups[group, PLACE]
     poisson_table(mean, table)
     fill_bits(w.drawn, size, t.seed, stream, number, time)
-    for i in range(size):
-        w.injected[place + i] += coding.range_gain * look_up(table, w.drawn[i] * UNIT, mean)
+    for index in range(0, size, DRAWN):
+        mine, here = counting(index, DRAWN) < size, place + index
+        count = as_real(look_up(table, load_drawn(w.drawn, index)), w.injected)
+        replace(w.injected, here, mine, load_drawn(w.injected, here) + count * coding.range_gain)
     for k in range(coding.tick if coding.range_current > 0.0 else 0):
         for i in range(k * t.places + place, k * t.places + place + size):
             w.injected[i] += coding.range_current * value

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from snnrl.engines.fused.vectors import DRAWN, as_real, counting, half, joined, load_drawn, select, store
+from snnrl.engines.fused.vectors import DRAWN, as_real, counting, half, joined, load_drawn, mask_bits, select, store
 from snnrl.model.draws import BITS, MASK, bell, count_up, philox
 from snnrl.model.neurons import gaussian_noise, kicked, uniform_noise
 
 UNUSED = 32 - BITS
 UNIT = 2.0**-BITS
+OFTEN = 8  # thresholds of Poisson counts; that a draw reaches more is rare where the mean is small
 
 
 def bits(seed, stream, trial, time, index):
@@ -102,22 +103,26 @@ def add_kicks(out, at, stride, size, seed, stream, trial, time, steps, kick, bel
         at += 4 * stride
 
 
-def fill_counts(out, at, stride, size, seed, stream, trial, time, steps, thresholds):
-    """Poisson counts of `size` neurons, in rows of `steps` ms that are `stride` apart, from `at` on."""
+def fill_counts(out, at, stride, size, seed, stream, trial, time, steps, thresholds, gain):
+    """Poisson counts of `size` neurons times `gain`, in rows of `steps` ms that are `stride` apart, from `at` on."""
+    often = min(len(thresholds), OFTEN)
     for block in range(time >> 2, ((time + steps - 1) >> 2) + 1):
         row = 4 * block - time
         for index in range(0, size, DRAWN):
             w0, w1, w2, w3 = four_times(seed, stream, trial, block, index)
             early, late = joined(w0, w1), joined(w2, w3)
             c01, c23 = early - early, late - late
-            for threshold in thresholds:
+            for threshold in thresholds[:often]:
                 c01, c23 = count_up(c01, early, threshold), count_up(c23, late, threshold)
+            if often < len(thresholds) and mask_bits((early >= thresholds[often]) | (late >= thresholds[often])):
+                for threshold in thresholds[often:]:
+                    c01, c23 = count_up(c01, early, threshold), count_up(c23, late, threshold)
             mine, here = counting(index, DRAWN) < size, at + index + row * stride
             if row >= 0:
-                replace(out, here, mine, as_real(half(c01, 0), out))
+                replace(out, here, mine, as_real(half(c01, 0), out) * gain)
             if 0 <= row + 1 < steps:
-                replace(out, here + stride, mine, as_real(half(c01, 1), out))
+                replace(out, here + stride, mine, as_real(half(c01, 1), out) * gain)
             if 0 <= row + 2 < steps:
-                replace(out, here + 2 * stride, mine, as_real(half(c23, 0), out))
+                replace(out, here + 2 * stride, mine, as_real(half(c23, 0), out) * gain)
             if 0 <= row + 3 < steps:
-                replace(out, here + 3 * stride, mine, as_real(half(c23, 1), out))
+                replace(out, here + 3 * stride, mine, as_real(half(c23, 1), out) * gain)

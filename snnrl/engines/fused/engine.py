@@ -111,7 +111,7 @@ class FusedEngine:
         bound = self.bind(network)
         state, clock = _state_of(bound, network)
         world, coding = _robot_of(bound, network, situation)
-        size, kinds = poisson_table_size(coding.range_mean), len(world.effect)
+        size, kinds = 1 << poisson_table_size(coding.range_mean).bit_length(), len(world.effect)
         kernel = kernels(bound.functions, real_of(network))[1]
         spikes, time, none = _raster(raster, network), int(clock), np.zeros((0, 1), real_of(network))
         bound.works.setdefault(coding.tick, deque())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from snnrl.engines.fused.draws import UNIT
+from snnrl.engines.fused.vectors import as_real, gather, select
 from snnrl.model.elementary import exp
 
 PRECISION = torch.float64
@@ -13,20 +14,21 @@ PRECISION = torch.float64
 def poisson_table(mean, table):
     """Cumulative probabilities, as far as a draw can reach."""
     probability, factor = exp(-mean), 1.0
+    total = probability
     table[:] = 1.0
-    table[0] = probability
+    table[0] = total
     for count in range(1, len(table)):
         factor *= mean / count
-        table[count] = table[count - 1] + probability * factor
-        if table[count] > 1.0 - 0.5 * UNIT:
+        total += probability * factor
+        table[count] = total
+        if total > 1.0 - 0.5 * UNIT:
             break
 
 
-def look_up(table, draw, mean):
-    """The first count whose cumulative probability exceeds the draw, sought from the mean."""
-    count = int(mean)
-    while table[count] <= draw:
-        count += 1
-    while count > 0 and table[count - 1] > draw:
-        count -= 1
+def look_up(table, drawn):
+    """The first counts whose cumulative probabilities exceed a vector of draws; `table` has a power of two of them."""
+    draw, count, step = as_real(drawn, 1.0) * UNIT, drawn - drawn, len(table) // 2
+    while step > 0:
+        count = select(gather(table, count + (step - 1)) <= draw, count + step, count)
+        step //= 2
     return count
