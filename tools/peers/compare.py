@@ -190,7 +190,7 @@ def compare(trials: int, threads: int, steps: int, names: Sequence[str], brian_m
                     crashed.add(name)
     expected = done[names[0]][0]
     return [limit(trials, threads, steps)] + [
-        Row(name, trials, threads, note="crashed, or ran out of memory") if name in crashed else row_of(name, trials, threads, runs, expected)
+        Row(name, trials, threads, note=DIED) if name in crashed else row_of(name, trials, threads, runs, expected)
         for name, runs in done.items()
     ]
 

@@ -289,5 +289,4 @@ def _processors() -> int:
 def _raster(raster: Tensor | None, network: Network) -> Any:
     if raster is None:
         return np.zeros((0, network.trials, network.size), np.uint8)
-    raster.zero_()
     return raster.numpy().view(np.uint8)

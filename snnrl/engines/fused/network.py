@@ -114,6 +114,8 @@ def run_block(t, s, w, trial, time, steps, first, low, high, sign, raster, at, r
     """
     slots, blocks, learns = s.pending.shape[1], t.places // LANES, t.signals.shape[0] > 0
     shown = raster.shape[0] > 0 and trial < raster.shape[1]
+    for k in range(steps if shown else 0):  # by this thread, in whose cache they are when spikes come
+        raster[at + k, trial] = 0
     skipped = draw_noise(t, w, trial, time, steps)
     for k in range(steps):
         now = time + k
