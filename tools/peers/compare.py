@@ -46,6 +46,7 @@ from limit import limit_of  # of the tools beside this folder
 
 LEARNT = ("+robot.weights.food_attraction=3", "+robot.weights.food_avoidance=0.5")  # mV; about what it learns
 SHORTEST, MOST = 0.3, 20  # s of wall time; what is faster is run again from the same state, so many times at most
+DIED = "crashed, or ran out of memory"
 LONG = 5.0  # s of wall time, of which warming up is no part to speak of
 LEFT_OUT = {
     "BindsNET": "its `MSTDPET` takes one reward a step from outside, the same for the whole batch, whose trials share "
