@@ -97,6 +97,8 @@ def test_what_runs_show_of_themselves_keeps_it_too(tmp_path: Path, monkeypatch: 
     world, roles = simulation.situation.world, [p for p in simulation.network.projections.values() if p.role]
     weights = pictures.weight_matrix(simulation.network, roles)
     assert weights is not None
+    most = max(projection.rule.weight_max for projection in roles if projection.rule)
+    assert weights.axes[0].images[0].get_clim() == (0.0, most)  # in every picture of a run
     shown = [
         pictures.arena(world, RATE[:, :2] * 50),
         pictures.spike_raster(simulation.network, fired[:, 0].numpy(), 0.0),

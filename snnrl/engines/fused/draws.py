@@ -8,7 +8,7 @@ from snnrl.model.neurons import gaussian_noise, kicked, uniform_noise
 
 UNUSED = 32 - BITS
 UNIT = 2.0**-BITS
-OFTEN = 8  # thresholds of Poisson counts; that a draw reaches more is rare where the mean is small
+OFTEN = 8  # thresholds that every draw is compared with; where the mean is small, it is rare that one reaches more
 
 
 def bits(seed, stream, trial, time, index):
