@@ -57,6 +57,10 @@ ROBOTS = {
         "world.kinds.food_container.contains=whole",
         "world.overlap=nearest",
     ],
+    "food and poison, both sensors onto the same neurons": [
+        "+experiment=avoidance",
+        "coding.ranges.poison={left: left_food, right: right_food}",
+    ],
     "food-only, strong exploration, held, gains of the mean": [
         "+experiment=food_attraction",
         "coding.gain_acts_on=mean",

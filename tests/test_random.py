@@ -9,7 +9,7 @@ from helpers import compiled
 from scipy import stats
 
 from snnrl.engines.fused.draws import add_gaussian, add_kicks, bits, fill_counts, fill_noise, uniform
-from snnrl.engines.fused.poisson import look_up, poisson_table
+from snnrl.engines.fused.poisson import look_up, poisson_table, room
 from snnrl.engines.fused.vectors import DRAWN, load_drawn, store
 from snnrl.model.draws import (
     BELL_DRAWS,
@@ -22,7 +22,6 @@ from snnrl.model.draws import (
     philox,
     poisson,
     poisson_of_means,
-    poisson_table_size,
     poisson_thresholds,
     stream,
 )
@@ -260,10 +259,10 @@ def test_poisson_of_mean_zero_is_zero() -> None:
 @pytest.mark.parametrize("mean", [0.0, 1e-3, 0.7, 7.3, 29.99, 30.0])
 def test_compiled_table_counts_as_the_reference(mean: float) -> None:
     bits = Draws(6, torch.arange(1)).bits(stream("p"), torch.arange(200), 20).view(1, -1)
-    extremes = torch.tensor([[0, 1, 2**BITS - 2, 2**BITS - 1]])
-    bits = torch.cat([bits, extremes, extremes], 1)
+    lowest, highest = torch.arange(8)[None], torch.arange(2**BITS - 2**15, 2**BITS)[None]
+    bits = torch.cat([bits, lowest, highest], 1)
     expected = poisson_of_means(bits, torch.tensor([mean], dtype=torch.float64), 30.0)[0]
-    table, counts = np.zeros(1 << poisson_table_size(30.0).bit_length()), np.zeros(bits.shape[1], np.int64)
+    table, counts = np.zeros(room(30.0)), np.zeros(bits.shape[1], np.int64)
     compiled(poisson_table)(mean, table)
     compiled(look_up_all)(table, bits[0].numpy(), counts)
     assert np.array_equal(counts, expected.numpy())

@@ -27,6 +27,7 @@ from snnrl.engines.fused.modulators import releasing
 from snnrl.engines.fused.network import run_network
 from snnrl.engines.fused.neurons import stepping
 from snnrl.engines.fused.plasticity import bounding
+from snnrl.engines.fused.poisson import room
 from snnrl.engines.fused.vectors import LANES
 from snnrl.engines.fused.work import State, Work, work_for
 from snnrl.engines.fused.world import WorldArrays, world_arrays
@@ -34,7 +35,6 @@ from snnrl.engines.interface import Given, Situation
 from snnrl.engines.layout import MILLISECONDS, Functions, Tables, Topology, real_of, tables, topology
 from snnrl.engines.reference import run_ticks
 from snnrl.errors import ConfigError
-from snnrl.model.draws import poisson_table_size
 from snnrl.model.modulators import Modulator
 from snnrl.model.network import Network, SynapseTable
 from snnrl.model.neurons import NeuronGroup
@@ -111,7 +111,7 @@ class FusedEngine:
         bound = self.bind(network)
         state, clock = _state_of(bound, network)
         world, coding = _robot_of(bound, network, situation)
-        size, kinds = 1 << poisson_table_size(coding.range_mean).bit_length(), len(world.effect)
+        size, kinds = room(coding.range_mean), len(world.effect)
         kernel = kernels(bound.functions, real_of(network))[1]
         spikes, time, none = _raster(raster, network), int(clock), np.zeros((0, 1), real_of(network))
         bound.works.setdefault(coding.tick, deque())

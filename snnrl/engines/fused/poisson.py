@@ -6,6 +6,7 @@ import torch
 
 from snnrl.engines.fused.draws import UNIT
 from snnrl.engines.fused.vectors import as_real, gather, select
+from snnrl.model.draws import poisson_table_size
 from snnrl.model.elementary import exp
 
 PRECISION = torch.float64
@@ -25,8 +26,13 @@ def poisson_table(mean, table):
             break
 
 
+def room(largest):
+    """Of a table for means up to `largest`: a power of two, as `look_up` needs it."""
+    return 1 << poisson_table_size(largest).bit_length()
+
+
 def look_up(table, drawn):
-    """The first counts whose cumulative probabilities exceed a vector of draws; `table` has a power of two of them."""
+    """The first counts whose cumulative probabilities exceed a vector of draws, by halves of the table."""
     draw, count, step = as_real(drawn, 1.0) * UNIT, drawn - drawn, len(table) // 2
     while step > 0:
         count = select(gather(table, count + (step - 1)) <= draw, count + step, count)
